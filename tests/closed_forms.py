@@ -1,13 +1,13 @@
 """Closed forms of contact mechanics, impact and rigid-body motion: references that share no code with a law.
 
-Plain floats in, plain floats out, SI units; signs and moduli as in `plugins/three_spot/theory.py`.
+Plain floats in, plain floats out, SI units; signs and moduli as in `three_spot_theory`.
 """
 
 import math
 from collections.abc import Sequence
 
 from scipy.special import ellipk
-from thirdbody_three_spot.theory import contact_radius, hertz_force
+from three_spot_theory import contact_radius, hertz_force
 
 
 def hertz_stiffness(e: float, radius: float, overlap: float) -> float:

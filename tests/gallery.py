@@ -22,7 +22,7 @@ from pages import ROOT
 from PIL import Image, PngImagePlugin
 
 import thirdbody
-from thirdbody.quantity import GLUE, MINUS, percent, quantity_text, with_error
+from thirdbody.units import GLUE, MINUS, percent, quantity_text, with_error
 
 SCENES, PICTURES = ROOT / "scenes", ROOT / "scenes" / "pictures"
 RESULTS = PICTURES / "results.json"

@@ -34,12 +34,10 @@ def packages() -> str:
 
 
 def tables() -> str:
-    from thirdbody.kernels import spot_loads, tables, tile
-    from thirdbody.kernels.explicit import tables as explicit
-    from thirdbody.kernels.implicit import tables as implicit
+    from thirdbody.kernels import close_spots, step_tables, tables, tile
     from thirdbody.kernels.table import Table
 
-    modules = (tables, tile, explicit, implicit, spot_loads)
+    modules = (tables, tile, step_tables, close_spots)
     found = {name: value for module in modules for name, value in vars(module).items() if isinstance(value, Table)}
     return "\n\n".join(f"### {name}\n\n{table.markdown()}" for name, table in sorted(found.items()))
 
@@ -80,7 +78,7 @@ def measures() -> str:
 
 
 def kinds() -> str:
-    from thirdbody.scene.debris.registry import DebrisKinds
+    from thirdbody.debris.registry import DebrisKinds
 
     rows = [f"| `{name}` | {_first_sentence(kind.__doc__)} |" for name, kind in DebrisKinds().usable().items()]
     return _table("kind | what it makes", rows)

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 import thirdbody
+from thirdbody.debris.spheroid import corrugation
 from thirdbody.palette import INK, STATE_COLORS
-from thirdbody.scene.debris.kinds.spheroid import corrugation
 
 ROLLING, FRICTION, RATIO = "fraction_rolling", "pairs.0.friction", "debris.0.axial_ratio"
 SPHERES = 40  # of each particle

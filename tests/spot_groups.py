@@ -1,12 +1,11 @@
-"""Spots on one plate, solved by the kernel of the engine (`kernels.spot_loads`) as the tests give them."""
+"""Spots on one plate, solved by the kernel of the engine (`kernels.close_spots`) as the tests give them."""
 
 from collections import namedtuple
 
 import numpy as np
 from numba import njit
 
-from thirdbody.kernels.close_spots import Spots
-from thirdbody.kernels.spot_loads import LANES, finish_lanes, lane, solve_side, spot, sweep
+from thirdbody.kernels.close_spots import LANES, Spots, finish_lanes, lane, solve_side, spot, sweep
 
 Loads = namedtuple("Loads", "relief force pull")  # of each spot: [m], [N], along the plate (n, 2) [N]
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from thirdbody.trajectory.schema import BLOCKS, Frame
+from thirdbody.trajectory.names import BLOCKS, Frame
 from thirdbody.trajectory.writer import TrajectoryWriter
 
 CONTACT_COUNTS = (0, 4, 0, 7, 2)

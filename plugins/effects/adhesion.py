@@ -4,21 +4,27 @@
     work_of_adhesion = "50 mJ/m2"
     model = "auto"
 
-`jkr` (Johnson, Kendall and Roberts 1971; forms in `jkr`): a neck forms at touch, overlap zero, and lasts until the bodies are
-`longest_neck` apart. It stands for soft or large spheres. `dmt` (Derjaguin, Muller and Toporov 1975): Hertz's contact, and
-2 pi w R as long as it touches. It stands for stiff or small ones. The number mu = (R w^2/(E*^2 z_0^3))^(1/3) of Tabor (1977, J.
-Colloid Interface Sci. 58, 2), with the equilibrium distance z_0 of the surfaces, decides: below 0.1 DMT, above 5 JKR (Johnson
-and Greenwood 1997, J. Colloid Interface Sci. 192, 326).
+What the models stand for, what friction feels, and what both change: README.md of the plug-ins, "Adhesion". `dmt` (Derjaguin,
+Muller and Toporov 1975) adds 2 pi w R while Hertz's contact touches; `jkr` (Johnson, Kendall and Roberts 1971) replaces that
+contact. Tabor's number mu = (R w^2/(E*^2 z_0^3))^(1/3) (1977, J. Colloid Interface Sci. 58, 2) decides: below 0.1 DMT, above 5
+JKR (Johnson and Greenwood 1997, J. Colloid Interface Sci. 192, 326). `auto` (Schwarz 2003, J. Colloid Interface Sci. 261, 99): a
+part s of w makes a neck, the rest is a constant pull beside it, so the pull-off force is (2 - s/2) pi w R. With s = k/(1 + k), k
+= (mu/0.352)^(3/2), it is that of Maugis (1992, J. Colloid Interface Sci. 150, 243; lambda = 1.157 mu) within 0.5 %, in the form
+of Carpick, Ogletree and Salmeron (1999, J. Colloid Interface Sci. 211, 395). Friction feels the load plus twice the pull-off
+force of the neck (Thornton and Yin 1991, Powder Technol. 65, 153) and once the constant pull (Derjaguin 1934); or the load alone.
 
-`auto` is right between them, too (Schwarz 2003, J. Colloid Interface Sci. 261, 99): a part s of w acts at short range and makes
-a neck, the rest at long range is a constant pull beside it, so the pull-off force is (2 - s/2) pi w R. The s of a contact is that
-with which this is the pull-off force of Maugis (1992, J. Colloid Interface Sci. 150, 243; lambda = 1.157 mu), in the form of
-Carpick, Ogletree and Salmeron (1999, J. Colloid Interface Sci. 211, 395), s = k/(1 + k): with k = (mu/0.352)^(3/2) within 0.5 %.
+The neck in closed form (Johnson, Kendall and Roberts 1971, Proc. R. Soc. A 324, 301), with the contact radius a, effective radius
+R, modulus E* and work of adhesion w:
 
-The work of adhesion is that of all pairs of materials, or a pair's own: it is a property of both, and there is no mixing rule.
+    F = 4 E* a^3/(3 R) - sqrt(8 pi w E* a^3)        d = a^2/R - sqrt(2 pi w a/E*)
 
-`jkr` and `auto` replace the normal law. Friction feels the load plus twice the pull-off force of the neck (Thornton and Yin 1991,
-Powder Technol. 65, 153) and once the constant pull, which is Hertz's force with DMT (Derjaguin 1934); or the load alone.
+Let a_s = (pi w R^2/(8 E*))^(1/3), the contact radius at which a neck breaks as the bodies part, and a = a_s y^2. Then
+
+    d = (a_s^2/R) (y^4 - 4 y)     F = (4 E* a_s^3/(3 R)) (y^6 - 6 y^3)     U = (8 E* a_s^5/(15 R^2)) (y^10 - 10 y^7 + 15 y^4 - 6)
+
+where U, the integral of F over d, is zero where the neck breaks: y = 1, d = -3 a_s^2/R. At y^3 = 3 the force is least,
+-3/2 pi w R; at y^3 = 4 the overlap is zero. A constant pull P beside the neck, as long as that lasts, adds -P to F and
+-P (d + 3 a_s^2/R) to U.
 """
 
 import math
@@ -29,30 +35,17 @@ import numpy as np
 
 from thirdbody.plugin import Adhesion, Law, Normal, Option, Options, Pair, Plugin, e_star, helper, kernel, pretty
 
-from .jkr import (
-    force_of,
-    force_of_a_jump,
-    longest_neck,
-    loss_of,
-    neck_since,
-    peak_pressure_of,
-    squared_radius_rate_of,
-    stiffness_of,
-    stiffness_of_a_jump,
-    stored_of,
-)
+DMT_BELOW, JKR_ABOVE = 0.1, 5.0  # Tabor's numbers up to which DMT holds, and from which on JKR does
+TRANSITION = 0.352  # Tabor's number at which half of the work of adhesion makes the neck: the pull-off force is 7/4 pi w R
+MIN_WORK = 1e-15  # smallest work of adhesion of the forms with necks [J/m2], which are scaled by it: with less they are Hertz's
+BEYOND = 2.0  # reach over the length of a neck that breaks: steps that bring bodies to touch, or break the neck, end within it
+LONGEST = 3.0  # length of a neck that breaks over a_s^2/R
 
-DMT_BELOW, JKR_ABOVE = 0.1, 5.0
-"""Tabor's numbers up to which DMT holds, and from which on JKR does."""
+JUMPS = 6.0 + 9.0 * 4.0 ** (4.0 / 3.0)
+"""Energy lost as a neck forms at touch and as it breaks, over 8 E* a_s^5/(15 R^2): the negative of U at y^3 = 4. Nine tenths
+are lost as the neck forms; all of it is booked there, so that a neck that breaks has no energy left."""
 
-TRANSITION = 0.352
-"""Tabor's number at which half of the work of adhesion makes the neck: the pull-off force is 7/4 pi w R."""
-
-MIN_WORK = 1e-15
-"""Smallest work of adhesion of the forms with necks [J/m2], which are scaled by it: with less they are Hertz's."""
-
-BEYOND = 2.0
-"""Reach over the length of a neck that breaks: steps that bring bodies to touch, or break the neck, end within it."""
+FOLD = 1e-9  # least y^3 - 1 by which slopes are divided: they are infinite where the neck breaks
 
 
 class JkrParameters(NamedTuple):
@@ -82,9 +75,112 @@ class DmtParameters(NamedTuple):
     grip: float
 
 
+class Neck(NamedTuple):
+    """A neck at some overlap: `scale` a_s [m]; y; `joined`: 1, or 0 where the bodies are apart; constant `pull` beside it [N]."""
+
+    scale: float
+    y: float
+    joined: float
+    pull: float
+
+
+@helper
+def cube_root(x):
+    """x^(1/3) for 1e-90 < x < 1e90 to round-off, without `pow`, so that a loop over contacts is vectorised.
+
+    1/3 = 1/4 + 1/16 + 1/64 + ...: square roots give it within a third; each of Halley's steps cubes the error.
+    """
+    fourth = math.sqrt(math.sqrt(x))
+    sixteenth = math.sqrt(math.sqrt(fourth))
+    of_64 = math.sqrt(math.sqrt(sixteenth))
+    of_256 = math.sqrt(math.sqrt(of_64))
+    z = fourth * sixteenth * of_64 * of_256
+    for _ in range(4):
+        cube = z * z * z
+        z = z * (cube + 2.0 * x) / (2.0 * cube + x)
+    return z
+
+
+@helper
+def root(excess):
+    """y of y^4 - 4 y + 3 = `excess` >= 0, the root that is at least 1, to round-off.
+
+    With y = 1 + t the equation is t^2 (t^2 + 4 t + 6) = `excess`: no cancellation where the neck breaks, t = 0. The start is
+    within 12 %, Halley's first step gives 0.12 %, the second 1.5e-9, the third 2e-16 (1e-30 < `excess` < 1e20).
+    The closed form of the quartic (Parteli et al. 2014, Sci. Rep. 4, 6227) loses half the digits there.
+    """
+    r = math.sqrt(excess)
+    start = r / (math.sqrt(6.0) + math.sqrt(r))
+    t = r / math.sqrt((start + 4.0) * start + 6.0)
+    for _ in range(3):
+        p = ((t + 4.0) * t + 6.0) * t * t - excess
+        slope, bend = 4.0 * t * ((t + 3.0) * t + 3.0), 12.0 * (t * (t + 2.0) + 1.0)
+        t = t - 2.0 * p * slope / max(2.0 * slope * slope - p * bend, 1e-300)
+    return 1.0 + t
+
+
+@helper
+def neck_since(overlap, before, radius, adhesion, pull, joined):
+    """`Neck` at an overlap [m]. `adhesion`: w/E* [m]; `joined`: 1 if there was one before. It forms at touch, breaks at y = 1.
+
+    Where it breaks in this step, y is that of the overlap `before` it [m].
+    """
+    scale = cube_root(math.pi / 8.0 * adhesion * radius * radius)
+    per_overlap = radius / (scale * scale)
+    still = joined if LONGEST + overlap * per_overlap > 0.0 else 0.0
+    now = 1.0 if overlap > 0.0 else still
+    excess = LONGEST + (overlap if now > 0.0 or joined == 0.0 else before) * per_overlap
+    return Neck(scale, root(max(excess, 0.0)), now, pull)
+
+
+@helper
+def force_of_a_jump(n, moved, forms, explicit, radius, e_star):
+    """Force [N] at the end of a step in which a neck forms or breaks, with which the work of the step is that of the neck.
+
+    That work W [J] is from touch to here, or from the last overlap with a neck to where it breaks; `moved` is the overlap that
+    came in the step [m]; `forms`: 1, or 0 where it breaks. An implicit step books its last force: F = W/`moved`. One of velocity
+    Verlet (`explicit` 1, else 0) books the mean of its forces at both ends, (F_0 + F)/2, and the next one F/2 more, so F that is
+    off by f changes the work by f times `moved`: F = W/`moved` + F_1/2 - F_0/2.
+    """
+    whole = Neck(n.scale, n.y, 1.0, n.pull)
+    half, stored = 0.5 * explicit * force_of(whole, radius, e_star), stored_of(whole, radius, e_star)
+    gained = stored + loss_of(n, radius, e_star)
+    return half + gained / max(moved, 1e-300) if forms > 0.0 else -stored / min(moved, -1e-300) - half
+
+
+@helper
+def force_of(n, radius, e_star):
+    """Force [N], negative: attractive."""
+    cube = n.y * n.y * n.y
+    return n.joined * (4.0 / 3.0 * e_star / radius * n.scale * n.scale * n.scale * cube * (cube - 6.0) - n.pull)
+
+
+@helper
+def energy_unit(n, radius, e_star):
+    """8 E* a_s^5/(15 R^2) [J]"""
+    square = n.scale * n.scale / radius
+    return 8.0 / 15.0 * e_star * n.scale * square * square
+
+
+@helper
+def stored_of(n, radius, e_star):
+    """Energy [J] to break the neck is minus this: zero where it breaks."""
+    fourth = n.y * n.y * n.y * n.y
+    cube = n.y * n.y * n.y
+    stretch = (n.y - 1.0) * (n.y - 1.0) * (n.y * (n.y + 2.0) + 3.0) * n.scale * n.scale / radius  # overlap + 3 a_s^2/R
+    elastic = energy_unit(n, radius, e_star) * (fourth * (cube * (cube - 10.0) + 15.0) - 6.0)
+    return n.joined * (elastic - n.pull * stretch)
+
+
+@helper
+def loss_of(n, radius, e_star):
+    """Energy [J] lost as a neck forms at touch and as it breaks: the negative of U at y^3 = 4."""
+    return JUMPS * energy_unit(n, radius, e_star) + n.pull * LONGEST * n.scale * n.scale / radius
+
+
 @helper
 def with_neck(c, p, adhesion, pull, h):
-    """Force, area and energy of the neck (`jkr.neck`); what the jumps lose is booked as the neck forms.
+    """Force, area and energy of the neck; what the jumps lose is booked as the neck forms.
 
     adhesion: w/E* of the neck [m]; pull: constant one beside it [N]; h: whether there was a neck; what it lost [J].
     """
@@ -93,20 +189,23 @@ def with_neck(c, p, adhesion, pull, h):
     lost = forms * loss_of(n, c.radius, p.e_star)
     jumps = p.part_steps > 0.0 and c.moved != 0.0 and n.joined != h[0]
     of_jump = force_of_a_jump(n, c.moved, forms, 1.0 if p.part_steps == 1.0 else 0.0, c.radius, p.e_star)
+    # in the middle of the contact, 2 E* a/(pi R) - sqrt(2 w E*/(pi a)): 0 where it pulls there, too; d(a^2)/dd = R y^3/(y^3 - 1)
+    pressure, cube = 2.0 * p.e_star * n.scale / (math.pi * c.radius) * (n.y * n.y - 2.0 / n.y), n.y * n.y * n.y
     answer = Normal(
-        of_jump if jumps else force_of(n, c.radius, p.e_star), n.joined * n.scale * n.y * n.y,
-        stored_of(n, c.radius, p.e_star), lost, peak_pressure_of(n, c.radius, p.e_star), squared_radius_rate_of(n, c.radius),
-    )  # fmt: skip
+        of_jump if jumps else force_of(n, c.radius, p.e_star), n.joined * n.scale * n.y * n.y, stored_of(n, c.radius, p.e_star),
+        lost, n.joined * max(pressure, 0.0), n.joined * (c.radius * cube / max(cube - 1.0, FOLD)), )  # fmt: skip
     return answer, (n.joined, h[1] + lost)
 
 
 @helper
 def stiffness_with_neck(c, p, adhesion, pull, h):
-    """dF/dd of `with_neck` [N/m]."""
+    """dF/dd of `with_neck` [N/m]: 2 E* a (y^3 - 3)/(y^3 - 1), negative beyond the largest pull; of a jump in an implicit step."""
     n = neck_since(c.overlap, c.overlap - c.moved, c.radius, adhesion, pull, h[0])
-    jumps = p.part_steps > 0.0 and c.moved != 0.0 and n.joined != h[0]
-    of_jump = stiffness_of_a_jump(n, c.moved, n.joined, c.radius, p.e_star)
-    return of_jump if jumps else stiffness_of(n, p.e_star)
+    force = force_of_a_jump(n, c.moved, n.joined, 0.0, c.radius, p.e_star)
+    forms, breaks = (force_of(n, c.radius, p.e_star) - force) / max(c.moved, 1e-300), -force / min(c.moved, -1e-300)
+    jumps, cube = p.part_steps > 0.0 and c.moved != 0.0 and n.joined != h[0], n.y * n.y * n.y
+    smooth = n.joined * (2.0 * p.e_star * n.scale * n.y * n.y * (cube - 3.0) / max(cube - 1.0, FOLD))
+    return (forms if n.joined > 0.0 else breaks) if jumps else smooth
 
 
 @kernel
@@ -117,7 +216,6 @@ def jkr(c, p, h):
 
 @kernel
 def jkr_tangent(c, p, h):
-    """dF/dd [N/m]"""
     return stiffness_with_neck(c, p, p.adhesion, 0.0, h)
 
 
@@ -142,7 +240,6 @@ def auto(c, p, h):
 
 @kernel
 def auto_tangent(c, p, h):
-    """dF/dd [N/m]"""
     fraction = neck_fraction(p.necks * math.sqrt(c.radius))
     return stiffness_with_neck(c, p, fraction * p.adhesion, (1.0 - fraction) * p.pull * c.radius, h)
 
@@ -163,7 +260,6 @@ def dmt(c, n, p):
 
 @kernel
 def dmt_tangent(c, n, p):
-    """dF/dd [N/m]"""
     return 0.0
 
 
@@ -178,20 +274,10 @@ def tabor_number(work_of_adhesion: float, modulus: float, radius: float, distanc
     return math.cbrt(radius * work_of_adhesion**2 / (modulus**2 * distance**3))
 
 
-def with_pull_off(options: Options) -> bool:
-    """Return whether friction feels the load and the pull-off force."""
-    return options["friction_load"] == "with_pull_off"
-
-
 def mix_jkr(pair: Pair, options: Options) -> JkrParameters:
     """Return E*, w/E* and the load of friction of a pair."""
     w, modulus = max(options["work_of_adhesion"], MIN_WORK), e_star(pair.a, pair.b)
-    return JkrParameters(modulus, w / modulus, 3.0 * math.pi * w if with_pull_off(options) else 0.0, 0.0)
-
-
-def in_steps(p: Any, integrator: str) -> Any:
-    """Return the parameters in the steps of an integrator."""
-    return p._replace(part_steps={"explicit": 1.0, "implicit": 2.0}[integrator])
+    return JkrParameters(modulus, w / modulus, 3.0 * math.pi * w if options["friction_load"] == "with_pull_off" else 0.0, 0.0)
 
 
 def mix_auto(pair: Pair, options: Options) -> AutoParameters:
@@ -204,12 +290,13 @@ def mix_auto(pair: Pair, options: Options) -> AutoParameters:
 def mix_dmt(pair: Pair, options: Options) -> DmtParameters:
     """Return the pull-off force over the radius, and what of it friction does not feel."""
     pull = 2.0 * math.pi * options["work_of_adhesion"]
-    return DmtParameters(pull, 0.0 if with_pull_off(options) else -pull)
+    return DmtParameters(pull, 0.0 if options["friction_load"] == "with_pull_off" else -pull)
 
 
 def neck_length(pair: Pair, options: Options, radius: float) -> float:
-    """Return how far bodies of at most this effective radius [m] may be apart before their neck breaks [m]."""
-    return BEYOND * longest_neck(max(options["work_of_adhesion"], MIN_WORK), e_star(pair.a, pair.b), radius)
+    """Return how far bodies of at most this effective radius [m] may be apart before their neck breaks [m], times `BEYOND`."""
+    scale = math.cbrt(math.pi * max(options["work_of_adhesion"], MIN_WORK) * radius * radius / (8.0 * e_star(pair.a, pair.b)))
+    return BEYOND * (LONGEST * scale * scale / radius)
 
 
 def pull_off_forces(pair: Pair, options: Options, radius: Any) -> Any:
@@ -250,7 +337,7 @@ ADHESION = Law(
     tangent=auto_tangent,
     parameters=AutoParameters,
     mix=mix_auto,
-    in_steps=in_steps,
+    in_steps=lambda p, integrator: p._replace(part_steps={"explicit": 1.0, "implicit": 2.0}[integrator]),
     history=("joined", "adhesion_work"),
     replaces="hertz",
     reach=neck_length,

@@ -5,11 +5,7 @@
 
 A normal force N on an elastic half-space lowers its surface at the distance r by g N, g = (1 - nu)/(2 pi G r) (Boussinesq 1885;
 Johnson 1985, Eq. 3.22b). So a spot presses only with what is left of its overlap, d_i = (N_i/K_i)^(2/3) + sum_j g_ij N_j, for all
-spots of a body on a side at once. Two equal spots at 3, 6, 10 and 40 contact radii of a rigid body carry 0.829, 0.905, 0.941 and
-0.984 of what they would carry alone at the same approach.
-
-Left out: that a spot is no point for its neighbour, the interaction of tangential forces, through the body itself, and between
-bodies. The springs of friction and the tangential laws see the relieved spot.
+spots of a body on a side at once. What is left out and what it changes: README.md of the plug-ins, "Close spots".
 """
 
 import math

@@ -1,10 +1,10 @@
-"""Plastic flow of contacts that yield: the elastic, perfectly plastic sphere of Thornton and Ning.
+"""Plastic flow of contacts that yield: the elastic, perfectly plastic sphere of Thornton and Ning, in place of Hertz's law.
 
     [effects.elastic_plastic]
     yield_ratio = 1.6
 
-It takes the place of Hertz's law. With the yield pressure p_y (`yield_ratio` times the yield strength of the softer material) a
-contact area of radius a and a sphere of radius R, all in one contact:
+With the yield pressure p_y (`yield_ratio` times the yield strength of the softer material) a contact area of radius a and a
+sphere of radius R, all in one contact:
 
 * Hertz up to the peak pressure p_y: a_y = pi R p_y/(2 E*), d_y = a_y^2/R, N_y = (2/3) pi p_y a_y^2.
 * Plastic flow beyond: the pressure is cut off at p_y, so dN/dd = pi p_y R, and a^2 = R d still.
@@ -12,20 +12,9 @@ contact area of radius a and a sphere of radius R, all in one contact:
   4 E* a_m^3/(3 N_m) and the permanent indentation d_p = m - a_m^2/R_p, so force and contact radius are continuous. Reloading is
   elastic up to m. (Thornton and Ning 1998, Eqs. 10 to 17; R_p from their Eq. 13 with the radius of equal contact area.)
 
-**What a spot remembers.** Its largest overlap m, as long as the two bodies overlap: that is beyond the loss of the force, which
-ends at d_p. A contact that opens is forgotten, and the next one finds virgin surfaces. A contact area that rolls on keeps its
-flattening while it overlaps. At constant load that changes nothing: fresh material under the same load is flattened as much.
-Where the load has fallen, fresh material would carry it at a smaller overlap: the body would climb out of its dent, by the work
-of a moment against rolling, which a normal law does not have. To let m fade at a given overlap would create that energy.
-
-**Energy.** Stored is (2/5) N (d - d_p). Dissipated is the work of loading less what a contact stores at m, W(m) - (2/5) N_m (m -
-d_p(m)), a function of m alone that grows with m: exact for steps of any length, and never negative.
-
-**Impact.** A ball of density rho on a plane of equal modulus yields above V_y = (pi^2/(2 sqrt(10))) sqrt(p_y^5/(E*^4 rho)), and
-rebounds with e = (6 sqrt(3)/5)^(1/2) (1 - y^2/6)^(1/2) (y/(y + 2 sqrt(6/5 - y^2/5)))^(1/4), y = V_y/V (Thornton 1997, Eq. 25).
-
-The law holds where the yielded contact is still small against the sphere. Mean pressures of metals go on to rise to 2.8 times the
-yield strength, which `yield_ratio` can stand for in deep dents; there is no hardening and no effect of the rate.
+Stored is (2/5) N (d - d_p). Dissipated is the work of loading less what a contact stores at m, W(m) - (2/5) N_m (m - d_p(m)), a
+function of m alone that grows with m: exact for steps of any length, and never negative. What a spot remembers, its rebound and
+its limits: README.md of the plug-ins, "Plastic flow".
 """
 
 import math
@@ -33,8 +22,7 @@ from typing import NamedTuple
 
 from thirdbody.plugin import Law, Normal, Option, Options, Pair, Plugin, e_star, kernel, yield_limit
 
-NEVER = 1e6
-"""Yield pressure over E* of materials that do not yield: beyond any pressure of a contact, and finite."""
+NEVER = 1e6  # yield pressure over E* of materials that do not yield: beyond any pressure of a contact, and finite
 
 
 class YieldParameters(NamedTuple):
@@ -114,15 +102,11 @@ ELASTIC_PLASTIC = Law(
     history=("largest_overlap", "plastic_work"),
     options=(
         Option(
-            "yield_ratio",
-            "dimensionless",
-            1.6,
-            low=1.0,
-            high=10.0,
+            "yield_ratio", "dimensionless", 1.6, low=1.0, high=10.0,
             doc="yield pressure over the yield strength of the softer material: 1.6 at first yield, about 2.8 when fully plastic",
         ),
     ),
     source="Thornton and Ning 1998, Powder Technology 99, 154; Thornton 1997, J. Appl. Mech. 64, 383",
-)
+)  # fmt: skip
 
 PLUGIN = Plugin(name="elastic_plastic", effects=(ELASTIC_PLASTIC,), source="Thornton and Ning 1998")

@@ -60,18 +60,14 @@ FLASH_TEMPERATURE = Measure(
     parameters=HeatParameters,
     mix=mix_heat,
     amounts=(
-        Amount(
-            "flash_temperature_mean",
-            "K",
-            "Temperature rise of its contacts by friction, mean over contacts and the drag.",
-            "mean",
-        ),
+        Amount("flash_temperature_mean", "K", "Temperature rise of its contacts by friction, mean over contacts and the drag.",
+               "mean"),
         Amount("flash_temperature", "K", "Largest temperature rise of its contacts by friction since the start.", "maximum"),
         Amount("peclet_number", "1", "Largest Peclet number of its contacts since the start.", "maximum"),
     ),
     materials=("thermal_conductivity", "heat_capacity"),
     warnings=peclet_warnings,
     source="Holm 1948; Archard 1959, Wear 2, 438: slow sources",
-)
+)  # fmt: skip
 
 PLUGIN = Plugin(name="flash_temperature", measures=(FLASH_TEMPERATURE,), source="heat of sliding")

@@ -16,14 +16,9 @@ from typing import NamedTuple
 
 from thirdbody.plugin import Law, Option, Options, Pair, Plugin, Twisting, kernel
 
-TORSION = 16.0 / 3.0
-"""Moment over G a^3 and angle of a half-space whose surface turns as a rigid disc (Reissner and Sagoci 1944)."""
-
-FULL_SLIP = 3.0 * math.pi / 16.0
-"""Moment of slip everywhere under Hertz' pressure over mu N a (Deresiewicz 1954)."""
-
-INERTIA = 2.0 / 5.0
-"""Moment of inertia of a ball about its centre over m R^2."""
+TORSION = 16.0 / 3.0  # moment over G a^3 and angle of a half-space whose surface turns as a rigid disc (Reissner and Sagoci 1944)
+FULL_SLIP = 3.0 * math.pi / 16.0  # moment of slip everywhere under Hertz' pressure over mu N a (Deresiewicz 1954)
+INERTIA = 2.0 / 5.0  # moment of inertia of a ball about its centre over m R^2
 
 
 class PivotingParameters(NamedTuple):
@@ -94,15 +89,11 @@ PIVOTING = Law(
     history=("moment", "energy"),
     options=(
         Option(
-            "damping",
-            "dimensionless",
-            0.0,
-            low=0.0,
-            high=10.0,
+            "damping", "dimensionless", 0.0, low=0.0, high=10.0,
             doc="viscous part of the spring's moment over critical damping of a ball that spins on a plane",
         ),
     ),
     source="Mindlin 1949, J. Appl. Mech. 16, 259; Deresiewicz 1954, J. Appl. Mech. 21, 52; Johnson 1985, Contact Mechanics, 3.9",
-)
+)  # fmt: skip
 
 PLUGIN = Plugin(name="pivoting", effects=(PIVOTING,), source="Mindlin 1949; Deresiewicz 1954")

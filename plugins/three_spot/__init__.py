@@ -16,25 +16,15 @@ from thirdbody.plugin import COULOMB, HERTZ, HERTZ_DAMPING, MINDLIN, TANGENTIAL_
 from . import classify
 from .exact import EXACT
 from .mdr import MDR
-from .tables import FORECASTS, label_output
+from .support import FORECASTS, output
 
 LABELLER = Labeller(
-    name="three_spot",
-    observe=classify.update_history,
-    label=classify.label,
-    label_without_effects=classify.label_without_effects,
-    label_without_forecasts=classify.label_without_forecasts,
-    forecasts=FORECASTS,
-    states=classify.STATES,
-    reasons=classify.REASONS,
-    margins=classify.MARGINS,
-    extras=classify.EXTRAS,
-    codes=classify.CODES,
-    outputs=label_output,
-    memory=classify.MEMORY,
-    contact_memory=classify.CONTACT_MEMORY,
+    name="three_spot", observe=classify.update_history, label=classify.label,
+    label_without_effects=classify.label_without_effects, label_without_forecasts=classify.label_without_forecasts,
+    states=classify.STATES, reasons=classify.REASONS, margins=classify.MARGINS, extras=classify.EXTRAS, codes=classify.CODES,
+    forecasts=FORECASTS, outputs=output, memory=classify.MEMORY, contact_memory=classify.CONTACT_MEMORY,
     source="Willert, Self-consistency conditions in static three-body elastic tangential contact; labels by travel",
-)
+)  # fmt: skip
 
 THREE_SPOT = LawFamily(
     name="three_spot",

@@ -6,11 +6,14 @@
 Signs are those of Willert (Eqs. 1, 2, 6, 11): w down, phi about +y (into the page), and for a planar particle u and T positive
 toward -x, T_i being the force of the upper body on the particle and of the particle on the lower body. Out of the plane u (2,) is
 the displacement of the centre of mass and T_i (2,) the same force, both along world x, y; phi is the rotation vector.
-"""
+
+Label and reason are those of a run: `classify` evaluates the balances like the steps of a run. So a side slides when all its
+spots are at the limit and have slipped by more than their critical displacement. Margins (positive = satisfied): those of
+`classify`, and `friction_spots`, 1 - eta of each spot, eta = |T|/(mu N)."""
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -23,25 +26,39 @@ from thirdbody.plugin import (
     NoStaticState,
     Pair,
     QuasiStatic,
+    StaticLabels,
     UsageError,
     dundurs_beta,
     e_star,
+    from_first_touch,
     g_star,
+    in_present_posture,
     nearest,
+    relax,
+    seat,
 )
 
 from . import LABELLER, THREE_SPOT, conditions
 from .balance_file import BalanceFile, Spots
-from .balance_label import Observer
-from .balance_press import UNDECIDED, drag, press
 from .forecast import forecast
 
-NODES = 1024
-"""Size of the history of a spot at level `exact`: a bend for each of some 1000 steps of pressing and drag."""
+NODES = 1024  # size of the history of a spot at level `exact`: a bend for each of some 1000 steps of pressing and drag
+PRESSING, SEATS = 100, 10
+"""Steps of the pressing: one for laws that are exact along the straight paths of a weightless particle; maximum number of seats
+that a particle may leave again meanwhile."""
+UNDECIDED = 1e-3
+"""Unbalanced fraction of the forces below which a failed search is inconclusive: where a particle tips, 2 to 20 % were left,
+where a law was too rough for the solver, 1e-6."""
 MISMATCH = 0.01  # Dundurs' beta below which there is no warning of the coupling of normal and tangential contact
 TOUCHING = 1e-12  # gap over the size of the particle that counts as rounding
 LARGE = 0.1  # overlap over radius beyond which Hertz's theory is inaccurate
 DEFAULT_LEVEL = "exact"
+
+AT_LIMIT, SPATIAL_LIMIT, ROUNDING = {"mdr": 1e-3}, 0.02, 1e-9
+"""Smallest 1 - eta that is not the limit: the springs of `mdr` fall short of mu N by 4e-4; in space, as in `classify`, springs of
+a contact that slid along a curved path differ slightly in direction; else rounding."""
+RING, ANNULUS = {"mdr": 0.15}, 1e-6
+"""Detectable loss of tangential stiffness, the width of the slip ring over a: `mdr` has 16 to 32 springs."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +105,7 @@ class Seat:
 
 
 @dataclass(frozen=True)
-class Stop:
+class EarlyEnd:
     """End of the path before the end of the drag.
 
     `rolling` if no static state exists and the particle tips or rolls, `undecided` if the solver failed close to a balance.
@@ -113,7 +130,7 @@ class Result:
     moduli: dict[str, dict[str, float]]
     level: str
     planar: bool
-    stopped: Stop | None
+    stopped: EarlyEnd | None
     warnings: list[str]
     seat: Seat | None = None
 
@@ -162,30 +179,25 @@ def balance(source: str | os.PathLike[str] | Mapping[str, Any] | BalanceFile, le
     if level not in THREE_SPOT.levels:
         raise UsageError(f"level '{level}': {nearest(level, THREE_SPOT.levels)}")
     if isinstance(source, BalanceFile):
-        report = source
+        document = source
     else:
-        report = BalanceFile.from_tables(source) if isinstance(source, Mapping) else BalanceFile.load(source)
-    spots = report.spots()
-    pairs = _pairs(report)
-    drag_run = _DragRun(report, spots, pairs, level)
-    stopped = drag_run.run()
+        document = BalanceFile(**source) if isinstance(source, Mapping) else BalanceFile.load(source)
+    spots = document.spots()
+    # the particle against either body; the restitution is 1, as there are no impacts
+    built = {side: getattr(document.materials, side).material(side) for side in ("lower", "upper", "particle")}
+    lower, upper = (Pair(built["particle"], built[side], getattr(document.friction, side), 1.0) for side in ("lower", "upper"))
+    path = _Path(document, spots, (lower, upper), level)
+    stopped = path.follow()
     moduli = {
         side: {"e_star": e_star(p.a, p.b), "g_star": g_star(p.a, p.b), "dundurs_beta": dundurs_beta(p.a, p.b)}
-        for side, p in zip(("lower", "upper"), pairs, strict=True)
+        for side, p in (("lower", lower), ("upper", upper))
     }
-    warnings = _warnings(report, spots, drag_run, moduli)
-    return Result(drag_run.points, _forecast(report, drag_run), moduli, level, spots.planar, stopped, warnings, drag_run.seat())
+    warnings = _warnings(document, spots, path, moduli)
+    return Result(path.points, _forecast(document, path), moduli, level, spots.planar, stopped, warnings, path.seat())
 
 
-def _pairs(report: BalanceFile) -> tuple[Pair, Pair]:
-    """Particle against the lower and the upper body; the restitution is 1, as there are no impacts."""
-    built = {side: getattr(report.materials, side).material(side) for side in ("lower", "upper", "particle")}
-    lower, upper = (Pair(built["particle"], built[side], getattr(report.friction, side), 1.0) for side in ("lower", "upper"))
-    return lower, upper
-
-
-class _DragRun:
-    """Solver, observer and the points so far."""
+class _Path:
+    """The particle along its path: solver, labels and the points so far."""
 
     def __init__(self, document: BalanceFile, spots: Spots, pairs: tuple[Pair, Pair], level: str) -> None:
         z, up = spots.position[:, 2], spots.upper
@@ -196,16 +208,11 @@ class _DragRun:
         interaction = "close_spots" if document.effects.close_spots is not None else None
         contacts = Contacts(THREE_SPOT.levels[level], pairs, up.astype(np.int64), spots.radius, {"nodes": NODES}, interaction)
         self.solver = QuasiStatic(grip, contacts, self.under_load)
-        self.radius, self.level = spots.radius, level
-        self.observer: Observer | None = None
+        self.limit = AT_LIMIT.get(level, ROUNDING) if spots.planar else SPATIAL_LIMIT
+        self.ring = RING.get(level, ANNULUS)
         self.balances: list[Balance] = []
         self.pressed = grip  # posture while pressed: the drag may rotate the particle further
         self.points: list[Point] = []
-
-    @property
-    def grip(self) -> Grip:
-        """Spots in the present posture."""
-        return self.solver.grip
 
     def seat(self) -> Seat | None:
         """Return the posture into which the particle rotated, or None."""
@@ -214,64 +221,129 @@ class _DragRun:
             return None
         return Seat(float(rotation[1]) if self.planar else rotation.tolist(), self.pressed.position.tolist())
 
-    def run(self) -> Stop | None:
-        """Press, then drag; return a `Stop` where no static state exists."""
+    def follow(self) -> EarlyEnd | None:
+        """Press, then drag; return an `EarlyEnd` where no static state exists."""
         given = self.path.load if self.under_load else self.path.indentation
         assert given is not None  # one of the two is given: `Path.rules`
         e_x, e_y = self.path.heading()
         steps = self.path.steps if self.path.drag > 0.0 else 0
         try:
             self.solver, pressed = press(self.solver, given)
-            self.observer = Observer(LABELLER, self.grip, self.radius, (e_x, e_y), self.level)
-            self._note(pressed)
-            self.pressed = self.grip
+            labels = StaticLabels(LABELLER, self.solver.grip, self.solver.contacts.radius, (e_x, e_y))
+            self._note(pressed, labels)
+            self.pressed = self.solver.grip
             for k in range(1, steps + 1):
                 distance = self.path.drag * k / steps
                 self.solver, result = drag(self.solver, (given, distance * e_x, distance * e_y))
-                self._note(result)
+                self._note(result, labels)
         except NoStaticState as problem:
             return self._stop(problem)
         return None
 
-    def _note(self, result: Balance) -> None:
-        assert self.observer is not None  # since the end of pressing
-        spots, label, reason, margins = self.observer.update(result, self.grip)
-        downwards = np.where(self.grip.upper, 1.0, -1.0)[:, None] * result.answer.tangential
-        drag = float(np.hypot(*result.plate[1:]))
+    def _note(self, result: Balance, labels: StaticLabels) -> None:
+        answer, up = result.answer, self.solver.grip.upper
+        loaded, size = result.overlap > 0.0, np.hypot(*answer.tangential.T)
+        slipped = (result.slip > ROUNDING * answer.contact_radius).astype(float)  # decides without friction
+        eta = np.where(loaded, np.where(answer.limit > 0.0, size / np.where(answer.limit > 0.0, answer.limit, 1.0), slipped), 0.0)
+        partial = (answer.limit > 0.0) & (result.stiffness_ratio < 1.0 - self.ring)
+        spots = np.where(eta >= 1.0 - self.limit, "slide", np.where(partial, "partial", "stick"))
+        spots = np.where(loaded, spots, "open").tolist()
+        noted = labels.update(result, self.solver.grip)
+        margins: dict[str, Any] = {name: noted[name] for name in LABELLER.margins} | {"friction_spots": (1.0 - eta).tolist()}
+        label, reason = LABELLER.states[int(noted["state"])], LABELLER.reasons[int(noted["reason"])]
+        downwards = np.where(up, 1.0, -1.0)[:, None] * answer.tangential
+        dragged = float(np.hypot(*result.plate[1:]))
         t: Any = (-downwards[:, 0]).tolist() if self.planar else downwards.tolist()
         u: Any = -float(result.motion[0]) if self.planar else result.motion[:2].tolist()
         phi: Any = float(result.motion[4]) if self.planar else result.motion[3:].tolist()
-        normal, sink = result.answer.normal.tolist(), -float(result.motion[2])
-        self.points.append(Point(result.closing, drag, normal, t, sink, u, phi, spots, label, reason, margins))
+        normal, sink = answer.normal.tolist(), -float(result.motion[2])
+        self.points.append(Point(result.closing, dragged, normal, t, sink, u, phi, spots, label, reason, margins))
         self.balances.append(result)
 
-    def _stop(self, problem: NoStaticState) -> Stop:
-        pressed, drag = float(problem.plate[0]), float(np.hypot(*problem.plate[1:]))
-        when = f"at a drag of {drag:.4g} m" if self.points else "while it is pressed"
+    def _stop(self, problem: NoStaticState) -> EarlyEnd:
+        pressed, dragged = float(problem.plate[0]), float(np.hypot(*problem.plate[1:]))
+        when = f"at a drag of {dragged:.4g} m" if self.points else "while it is pressed"
         failed = problem.closest < UNDECIDED if problem.undecided is None else problem.undecided
         message = f"no static state exists {when}: the particle tips or rolls ({problem})"
         if failed:
             left = f"{problem.closest:.1g} of the forces unbalanced"
             message = f"undecided {when}: the solver failed, {left} ({problem}); try another level"
         label = "undecided" if failed else "rolling"
-        return Stop(None if self.under_load else pressed, pressed if self.under_load else None, drag, label, message)
+        return EarlyEnd(None if self.under_load else pressed, pressed if self.under_load else None, dragged, label, message)
 
 
-def _forecast(report: BalanceFile, drag_run: _DragRun) -> Forecast:
+def press(solver: QuasiStatic, given: float) -> tuple[QuasiStatic, Balance]:
+    """Return the balance under `given`, a load [N] or an indentation [m], and its solver.
+
+    The solver is a new one, in the posture of the seat, if the particle rotated in between. Raises NoStaticState if it tips over.
+    """
+    seats = 0
+    for k in range(1, PRESSING + 1):
+        target = (given * k / PRESSING, 0.0, 0.0)
+        result = None
+        while result is None:
+            try:
+                result = _balance(solver, target)
+            except NoStaticState as problem:
+                left = problem
+            if result is None:
+                if seats == SEATS:
+                    raise NoStaticState(f"it left {SEATS} seats again", left.plate, left.closest, undecided=True)
+                load = target[0]
+                if not solver.under_load:  # continued under that of the last balance, else of the upright particle
+                    plate, now = np.array(target), solver.now
+                    answer = now.answer if now is not None else solver.trial(solver.upright(plate), plate).answer
+                    load = float(answer.normal[solver.grip.upper].sum())
+                try:
+                    solver = from_first_touch(solver, load)
+                except NoStaticState as problem:  # found under a load: `plate` is that of the path
+                    raise NoStaticState(str(problem), left.plate, problem.closest, problem.undecided) from None
+                seats += 1
+    assert result is not None
+    return solver, result
+
+
+def drag(solver: QuasiStatic, target: Sequence[float]) -> tuple[QuasiStatic, Balance]:
+    """Return the balance at a load or indentation and drag x, y, and the solver for the next step.
+
+    The solver follows the rotation of the particle. Under a load a particle that tips over moves on until its forces balance
+    again. Raises NoStaticState where they never do.
+    """
+    try:
+        result = _balance(solver, target)
+    except NoStaticState:
+        if not solver.under_load:
+            raise
+        solver = seat(solver, target)
+        result = _balance(solver, target)
+    return in_present_posture(solver), result
+
+
+def _balance(solver: QuasiStatic, target: Sequence[float]) -> Balance:
+    """Return the balance next to the last one: by Newton's method, else by relaxation."""
+    try:
+        return solver.move(target)
+    except NoStaticState as problem:
+        if problem.closest >= UNDECIDED or not relax(solver, target):
+            raise
+    return solver.move(target)
+
+
+def _forecast(document: BalanceFile, path: _Path) -> Forecast:
     """Conditions of self-consistency for the spots loaded after pressing; if it cannot be pressed, for those that touch first."""
-    up, position = drag_run.pressed.upper, drag_run.pressed.position
-    first = drag_run.balances[0] if drag_run.balances else None
-    loaded = first.overlap > 0.0 if first is not None else drag_run.pressed.gap <= TOUCHING * drag_run.pressed.arm
+    up, position = path.pressed.upper, path.pressed.position
+    first = path.balances[0] if path.balances else None
+    loaded = first.overlap > 0.0 if first is not None else path.pressed.gap <= TOUCHING * path.pressed.arm
     above, below = position[up & loaded], position[~up & loaded]
     if not len(above) or not len(below):
         return Forecast(None, None, None, [])
     h = float(above[:, 2].mean() - below[:, 2].mean())
     if h <= 0.0:  # spots that cannot all be loaded at once
         return Forecast(None, None, None, [])
-    heading, friction = report.path.heading(), report.friction
+    heading, friction = document.path.heading(), document.friction
     load = float(first.answer.normal[up].sum()) if first is not None else 0.0
-    ratio = report.particle.weight / load if load > 0.0 else 0.0
-    if drag_run.planar:
+    ratio = document.particle.weight / load if load > 0.0 else 0.0
+    if path.planar:
         # the theory drags toward -x: positions along the opposite of the drag
         over, under = ((-heading[0] * side[:, 0]).tolist() for side in (above, below))
         low, high = conditions.planar_interval(over, under, h, ratio)
@@ -288,28 +360,28 @@ def _forecast(report: BalanceFile, drag_run: _DragRun) -> Forecast:
     return Forecast(float(required), float(low) if ever else None, float(high) if ever else None, possible)
 
 
-def _warnings(report: BalanceFile, spots: Spots, drag_run: _DragRun, moduli: Mapping[str, Mapping[str, float]]) -> list[str]:
+def _warnings(document: BalanceFile, spots: Spots, path: _Path, moduli: Mapping[str, Mapping[str, float]]) -> list[str]:
     result = []
-    rotation = float(np.linalg.norm(drag_run.solver.seat_rotation))
+    rotation = float(np.linalg.norm(path.solver.seat_rotation))
     if rotation > 0.0:
         result.append(f"the first contacts do not hold the particle: it rotates by {rotation:.3g} rad and is pressed there")
     for side, values in moduli.items():
         beta = values["dundurs_beta"]
         if abs(beta) > MISMATCH:
             result.append(f"{side} side: not elastically similar (Dundurs' beta {beta:.3g}); the coupling is neglected")
-    if not drag_run.balances:
+    if not path.balances:
         return result
-    dropped = drag_run.solver.history_column("exact.dropped")
+    dropped = path.solver.history_column("exact.dropped")
     if dropped.any():
         spots_text = ", ".join(str(k + 1) for k in np.flatnonzero(dropped))
         result.append(f"spots {spots_text} had more bends in their history than the {NODES} nodes hold: fewer steps keep all")
-    overlap = max(float((b.overlap / spots.radius).max()) for b in drag_run.balances)
-    if any(b.free for b in drag_run.balances) and any(point.label == "sliding" for point in drag_run.points):
+    overlap = max(float((b.overlap / spots.radius).max()) for b in path.balances)
+    if any(b.free for b in path.balances) and any(point.label == "sliding" for point in path.points):
         result.append("where it slides on both sides its place along the drag is undetermined: u is one of many, the rest holds")
     if overlap > LARGE:
         result.append(f"overlaps of {overlap:.3g} radii, beyond Hertz' theory")
-    if report.particle.weight > 0.0 and not spots.planar:
+    if document.particle.weight > 0.0 and not spots.planar:
         result.append("the forecast leaves out the weight")
-    if any(point.label == "rolling" for point in drag_run.points) and not drag_run.under_load:
+    if any(point.label == "rolling" for point in path.points) and not path.under_load:
         result.append("a particle that tips at constant indentation wedges: its forces grow without bound; give a load instead")
     return result

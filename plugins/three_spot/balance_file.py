@@ -26,7 +26,6 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -55,8 +54,7 @@ from thirdbody.plugin import (
 VERSION = 1
 MAX_SPHERES = 100
 """Maximum number of spheres of a clump: memory for its mass properties grows with the cube, 0.4 GB for 100 and 31 GB for 300."""
-MAX_SPOTS = 1000
-"""Maximum number of candidates of a balance, whose equations are solved together."""
+MAX_SPOTS = 1000  # maximum number of candidates of a balance, whose equations are solved together
 
 Array = NDArray[np.float64]
 Length = Annotated[float, Quantity(dimension="length")]
@@ -222,22 +220,12 @@ class BalanceFile(Part):
             raise InputError(source.in_order(wrongs))
         return result
 
-    @classmethod
-    def from_tables(cls, tables: Mapping[str, Any]) -> BalanceFile:
-        """Return the particle from tables built in Python, numbers in SI or texts with units. Raises InputError."""
-        return cls(**tables)
-
     def spots(self) -> Spots:
         """Return the spots of the particle. Raises InputError for a clump in several parts."""
         flat = self.path.heading()[1] == 0.0
-        if self.particle.spots is not None:
-            spots = self.particle.spots
-            position = np.array([(s.x, s.y, s.z) for s in spots])
-            upper = np.array([s.side == "upper" for s in spots])
+        if (spots := self.particle.spots) is not None:
+            position, upper = np.array([(s.x, s.y, s.z) for s in spots]), np.array([s.side == "upper" for s in spots])
             return Spots(position, np.array([s.radius for s in spots]), upper, flat and not position[:, 1].any())
-        return self._clump_spots(flat)
-
-    def _clump_spots(self, flat: bool) -> Spots:
         balls = self.particle.clump or ()
         center, radius = np.array([b.center for b in balls]), np.array([b.radius for b in balls])
         try:

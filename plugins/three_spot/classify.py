@@ -1,41 +1,12 @@
 """The labeller: classifies a body as free, sticking, sliding or rolling. Two kernels over flat arrays.
 
-`update_history` (in `motion_history`) follows every body at a fixed stride of steps; `label` reads its memory when a frame is
-written, so that nothing depends on the output interval. Motion is classified by travel, never by speed: on the elastic reference
-path the body rotates at 0.65 of the drag while every spot still sticks.
+Definitions, rules, margins and reasons: README.md, "Labels". `update_history` (in `motion`) follows every body at a fixed stride
+of steps; `label` reads its memory when a frame is written, so that nothing depends on the output interval.
 
-Definitions
-
-    drag             of the upper side relative to the lower; one-sided body: of its centre along the surface of the partner
-    travel W         path length of the drag since the reference; a window closes at W >= 4 a
-    rotation         vector since the reference, from quaternions: a sum of increments drifts when a body wobbles
-    lever D          vertical distance of the load centres of both sides; one-sided: twice the distance of centre and load centre
-    roll ratio r     rotation D / W of the last closed window
-    contact travel p largest over the spots of R_i times the rotation about in-plane axes and, for pivoting, the distance from
-                     the common load centre times the rotation about the normal of the spot
-
-End of a history. A stop, a start or a reversal of the plates (two-sided body) or a reversal of the centre by 0.02 a (one-sided
-body) clears both windows and r. So does rest: with the plates at rest, or on one side only, travel below 0.02 a within 50 sqrt(m
-a / N), in which time N could have moved the body far beyond a. Without this rule a body that rotated into its seat while it was
-pressed would be labelled rolling for ever. First load resets the reference only. A body that was free in between keeps its
-reference: its rotation meanwhile counts in the window in which it lands, so that a snap over to another side is labelled rolling,
-however short the flight. A window also closes after a rotation of 1 rad, before quaternions lose the number of revolutions.
-
-Margins (positive = satisfied; 1 where a condition does not apply)
-
-    friction         1 - max eta_i over every loaded spot
-    friction_upper, friction_lower
-                     1 - min eta_i of the side: satisfied as long as one of its spots sticks
-    force_balance    1 - |F| / (0.05 sum N), F the sum of contact forces, weight and other effects, without inertia
-    moment_balance   1 - |M| / (0.05 sum N D), M the sum of their moments about the centre of mass
-    determinacy      max over sides of (spread of loaded spots along the drag) / a - 1; > 0 is "held"
-    rotation         min of 1 - p/a, 1 - r/0.05 and, for a body that is not held, 1 - turn/0.5; <= 0 is rolling
-                     (but a one-sided body that skids is sliding whatever this margin)
-
-Reasons: sliding -> friction_limit; rolling -> lift_off (a spot was lost since the reference), pivoting, rotation, or
-indeterminate if only the two-point rule applies; sticking -> none, one_sided, or indeterminate (not held). A body with a negative
-force_balance or moment_balance has the reason unbalanced instead of any of these: inertia carries it, as in an impact, and the
-static conditions do not apply at that instant. The reasons force_balance and moment_balance are for forecasts.
+Rotations since the reference come from quaternions: a sum of increments drifts when a body wobbles. A reversal of a one-sided
+body ends its history once its centre has moved back by 0.02 a. First load resets the reference only. A body that was free in
+between keeps its reference: its rotation meanwhile counts in the window in which it lands, so that a snap over to another side is
+labelled rolling, however short the flight. The reasons force_balance and moment_balance are for forecasts.
 
 Source: E. Willert, Self-consistency conditions in static three-body elastic tangential contact, for the conditions; the travel
 rules are new here.
@@ -45,49 +16,45 @@ import math
 
 from numba import njit
 
-from thirdbody.plugin import NO_FORECAST, loaded_contact, observed_body
+from thirdbody.plugin import NO_FORECAST, helper, loaded_contact, observed_body
 
-from .forecast_output import write_outlook, write_plain_outlook
-from .motion_history import EPS_ROLL, MIN_TRAVEL, update_history
-from .support_geometry import (
+from .forecast import write_outlook, write_plain_outlook
+from .motion import update_history
+from .support import (
     ABOVE,
     BELOW,
     BOTH,
+    CODES,
+    EPS_ROLL,
+    EXTRAS,
+    MARGINS,
+    MIN_TRAVEL,
     NEITHER,
     Array,
     Posture,
     Triple,
     contact_travel,
-    helper,
     length,
+    memory,
+    noted,
+    output,
     rotation_since,
     side_of,
     split,
     support_of,
 )
-from .tables import CODES, EXTRAS, MARGINS, body_memory, contact_memory, label_output
 
 __all__ = ["CODES", "CONTACT_MEMORY", "EXTRAS", "MARGINS", "MEMORY", "OUTPUTS", "REASONS", "STATES", "label", "update_history"]
 
-MEMORY, CONTACT_MEMORY, OUTPUTS = body_memory.names(), contact_memory.names(), label_output.WIDTH
+MEMORY, CONTACT_MEMORY, OUTPUTS = memory.names(), noted.names(), output.WIDTH
 
 STATES = ("free", "sticking", "sliding", "rolling")
 FREE, STICKING, SLIDING, ROLLING = range(4)
 REASONS = (
-    "none",
-    "friction_limit",
-    "force_balance",
-    "moment_balance",
-    "lift_off",
-    "rotation",
-    "pivoting",
-    "one_sided",
-    "indeterminate",
+    "none", "friction_limit", "force_balance", "moment_balance", "lift_off", "rotation", "pivoting", "one_sided", "indeterminate",
     "unbalanced",
-)
-(NONE, FRICTION_LIMIT, FORCE_BALANCE, MOMENT_BALANCE, LIFT_OFF, ROTATION, PIVOTING, ONE_SIDED, INDETERMINATE, UNBALANCED) = range(
-    10
-)
+)  # fmt: skip
+NONE, FRICTION_LIMIT, _, _, LIFT_OFF, ROTATION, PIVOTING, ONE_SIDED, INDETERMINATE, UNBALANCED = range(10)
 EPS_LIMIT = 0.02
 MAX_ROTATION_OVER_DRAG = 0.5  # fraction of the drag accommodated by rotation of a body that is not held
 BALANCE = 0.05
@@ -99,9 +66,7 @@ LOWEST = -1e9  # margins stay finite and fit a float32
 def slipping(C: Array, i: int) -> bool:
     """Return whether a spot slipped by more than its critical displacement in this window or in the last."""
     minimum = max(C[i, loaded_contact.CRITICAL_SLIP], ROUND_OFF * C[i, loaded_contact.CONTACT_RADIUS])
-    return (
-        max(C[i, loaded_contact.SLIP] - C[i, contact_memory.SLIP_AT_REFERENCE], C[i, contact_memory.SLIP_LAST_WINDOW]) > minimum
-    )
+    return max(C[i, loaded_contact.SLIP] - C[i, noted.SLIP_AT_REFERENCE], C[i, noted.SLIP_LAST_WINDOW]) > minimum
 
 
 @helper
@@ -109,14 +74,8 @@ def utilisation(C: Array, i: int) -> float:
     """eta = |T|/(mu N); without friction 1 if slipping, else 0."""
     if C[i, loaded_contact.FRICTION_LIMIT] <= 0.0:
         return 1.0 if slipping(C, i) else 0.0
-    return (
-        length(
-            C[i, loaded_contact.TANGENTIAL_FORCE],
-            C[i, loaded_contact.TANGENTIAL_FORCE + 1],
-            C[i, loaded_contact.TANGENTIAL_FORCE + 2],
-        )
-        / C[i, loaded_contact.FRICTION_LIMIT]
-    )
+    k = loaded_contact.TANGENTIAL_FORCE
+    return length(C[i, k], C[i, k + 1], C[i, k + 2]) / C[i, loaded_contact.FRICTION_LIMIT]
 
 
 @helper
@@ -133,34 +92,11 @@ def friction(C: Array, n: int, side: int) -> tuple[float, float, bool]:
 
 
 @helper
-def friction_margins(C: Array, n: int, pose: Posture, out: Array) -> bool:
-    """Write the friction margins and the sliding sides; return whether the body slides."""
-    lower = friction(C, n, BELOW)
-    upper = friction(C, n, ABOVE)
-    lateral = friction(C, n, NEITHER)
-    out[label_output.FRICTION] = max(1.0 - max(lower[1], upper[1], lateral[1]), LOWEST)
-    if pose[0] & BELOW != 0:
-        out[label_output.FRICTION_LOWER] = max(1.0 - lower[0], LOWEST)
-    if pose[0] & ABOVE != 0:
-        out[label_output.FRICTION_UPPER] = max(1.0 - upper[0], LOWEST)
-    out[label_output.SLIDING_SIDE] = (1.0 if lower[2] else 0.0) + (2.0 if upper[2] else 0.0)
-    return lower[2] or upper[2] or (pose[0] == NEITHER and lateral[2])
-
-
-@helper
 def static_margin(x: float, y: float, z: float, scale: float) -> float:
     """Distance from static equilibrium, 1 - |(x, y, z)|/(0.05 scale), of a sum of forces or of moments; 1 without a scale."""
     if scale <= 0.0:
         return 1.0
     return max(1.0 - length(x, y, z) / scale / BALANCE, LOWEST)
-
-
-@helper
-def static_margins(observed: Array, total: float, lever: float, out: Array) -> None:
-    """Write both margins of static equilibrium: contacts, weight and other effects, without inertia; `total`: sum of |N| [N]."""
-    force, torque = observed_body.FORCE, observed_body.TORQUE
-    out[label_output.FORCE_BALANCE] = static_margin(observed[force], observed[force + 1], observed[force + 2], total)
-    out[label_output.MOMENT_BALANCE] = static_margin(observed[torque], observed[torque + 1], observed[torque + 2], total * lever)
 
 
 @helper
@@ -182,70 +118,58 @@ def determinacy(C: Array, n: int, observed: Array, a: float) -> float:
 
 
 @helper
-def rotation_over_drag(observed: Array, m: Array, pose: Posture) -> float:
-    """Fraction of the drag accommodated by rotation since the set of loaded spots last changed; 0 below 0.02 a."""
-    x, y = m[body_memory.CHANGE_DRAG_X], m[body_memory.CHANGE_DRAG_Y]
-    size = length(x, y, 0.0)
-    if size < MIN_TRAVEL * pose[1] or size <= 0.0:
-        return 0.0
-    rotation = rotation_since(observed, m, body_memory.CHANGE)
-    return pose[2] * (rotation[1] * (x / size) - rotation[0] * (y / size)) / size
-
-
-@helper
 def rotation_margin(observed: Array, m: Array, pose: Posture, p: float, determinate: bool) -> float:
-    """Min of 1 - p/a, 1 - r/0.05 once a window closed, 1 - turn/0.5 if it is not held: <= 0 is rolling."""
+    """Min of 1 - p/a, 1 - r/0.05 once a window closed, 1 - turn/0.5 if it is not held: <= 0 is rolling.
+
+    turn: fraction of the drag accommodated by rotation since the set of loaded spots last changed; 0 below 0.02 a.
+    """
     margin = 1.0 - p / pose[1]
-    if m[body_memory.WINDOWS] > 0.0:
-        margin = min(margin, 1.0 - m[body_memory.ROLL_RATIO] / EPS_ROLL)
+    if m[memory.WINDOWS] > 0.0:
+        margin = min(margin, 1.0 - m[memory.ROLL_RATIO] / EPS_ROLL)
+    x, y = m[memory.CHANGE_DRAG_X], m[memory.CHANGE_DRAG_Y]
+    size = length(x, y, 0.0)
     if pose[0] == BOTH and not determinate:
-        margin = min(margin, 1.0 - rotation_over_drag(observed, m, pose) / MAX_ROTATION_OVER_DRAG)
+        by_rotation = 0.0
+        if not (size < MIN_TRAVEL * pose[1] or size <= 0.0):
+            rotation = rotation_since(observed, m, memory.CHANGE)
+            by_rotation = pose[2] * (rotation[1] * (x / size) - rotation[0] * (y / size)) / size
+        margin = min(margin, 1.0 - by_rotation / MAX_ROTATION_OVER_DRAG)
     return max(margin, LOWEST)
 
 
 @helper
 def rolling_reason(m: Array, pose: Posture, rotation: Triple, p: float) -> int:
     """Reason of the label rolling: lift_off, pivoting, rotation, indeterminate (rotation still elastic)."""
-    if m[body_memory.LIFTED] > 0.0:
+    if m[memory.LIFTED] > 0.0:
         return LIFT_OFF
     if p >= pose[1]:
         tilt, twist = split(rotation, pose[3], pose[4], pose[5])
         return PIVOTING if twist > tilt else ROTATION
-    if m[body_memory.WINDOWS] > 0.0 and m[body_memory.ROLL_RATIO] >= EPS_ROLL:
-        return PIVOTING if m[body_memory.PIVOTED] > 0.0 else ROTATION
+    if m[memory.WINDOWS] > 0.0 and m[memory.ROLL_RATIO] >= EPS_ROLL:
+        return PIVOTING if m[memory.PIVOTED] > 0.0 else ROTATION
     return INDETERMINATE
 
 
 @helper
 def write_ratios(C: Array, n: int, m: Array, pose: Posture, rotation: Triple, out: Array) -> None:
     """Write roll ratio and slip over travel of the last window, or of the first one so far."""
-    if m[body_memory.WINDOWS] > 0.0:
-        out[label_output.ROLL_RATIO] = m[body_memory.ROLL_RATIO]
-        out[label_output.SLIP_OVER_TRAVEL] = m[body_memory.SLIP_OVER_TRAVEL]
-    elif m[body_memory.TRAVEL] >= MIN_TRAVEL * pose[1] and m[body_memory.TRAVEL] > 0.0:
-        out[label_output.ROLL_RATIO] = length(rotation[0], rotation[1], rotation[2]) * pose[2] / m[body_memory.TRAVEL]
+    if m[memory.WINDOWS] > 0.0:
+        out[output.ROLL_RATIO] = m[memory.ROLL_RATIO]
+        out[output.SLIP_OVER_TRAVEL] = m[memory.SLIP_OVER_TRAVEL]
+    elif m[memory.TRAVEL] >= MIN_TRAVEL * pose[1] and m[memory.TRAVEL] > 0.0:
+        out[output.ROLL_RATIO] = length(rotation[0], rotation[1], rotation[2]) * pose[2] / m[memory.TRAVEL]
         for i in range(n):
-            out[label_output.SLIP_OVER_TRAVEL] = max(
-                out[label_output.SLIP_OVER_TRAVEL],
-                (C[i, loaded_contact.SLIP] - C[i, contact_memory.SLIP_AT_REFERENCE]) / m[body_memory.TRAVEL],
+            out[output.SLIP_OVER_TRAVEL] = max(
+                out[output.SLIP_OVER_TRAVEL], (C[i, loaded_contact.SLIP] - C[i, noted.SLIP_AT_REFERENCE]) / m[memory.TRAVEL]
             )
-
-
-@helper
-def normal_sum(C: Array, n: int) -> float:
-    """Sum of |N| over the loaded spots [N]."""
-    total = 0.0
-    for i in range(n):
-        total += abs(C[i, loaded_contact.NORMAL_FORCE])
-    return total
 
 
 @helper
 def clear(m: Array, out: Array) -> None:
     """Write the output of an unloaded body: margins of 1, no forecast, zeros, and the length rolled so far."""
     for k in range(OUTPUTS):
-        out[k] = 1.0 if label_output.FRICTION <= k < label_output.SLIDING_SIDE else 0.0
-    out[label_output.ROLLED_DISTANCE], out[label_output.FORECAST] = m[body_memory.ROLLED_DISTANCE], NO_FORECAST
+        out[k] = 1.0 if output.FRICTION <= k < output.SLIDING_SIDE else 0.0
+    out[output.ROLLED_DISTANCE], out[output.FORECAST] = m[memory.ROLLED_DISTANCE], NO_FORECAST
 
 
 @njit(error_model="numpy")
@@ -253,13 +177,13 @@ def label(C: Array, n: int, observed: Array, m: Array, out: Array) -> None:
     """Write state, reason, MARGINS and EXTRAS of one body into `out` (OUTPUTS,), after `update_history` at the same instant.
 
     `sliding_side` is 0 none, 1 lower, 2 upper, 3 both; `rolled_distance` [m] grows when a window closes; `forecast` is 0 for a
-    body that can only roll, 1 can stick, 3 can stick or slide, 4 none (`forecast_output`), followed by its ratios. Read-only for
+    body that can only roll, 1 can stick, 3 can stick or slide, 4 none (`forecast`), followed by its ratios. Read-only for
     the memories. Every number is finite.
     """
     clear(m, out)
     if n > 0:
         pose = support_of(C, n)
-        write_outlook(C, n, observed, pose, out, label_output.FORECAST)
+        write_outlook(C, n, observed, pose, out, output.FORECAST)
         write_label(C, n, observed, m, pose, out)
 
 
@@ -269,7 +193,7 @@ def label_without_effects(C: Array, n: int, observed: Array, m: Array, out: Arra
     clear(m, out)
     if n > 0:
         pose = support_of(C, n)
-        write_plain_outlook(C, n, observed, pose, out, label_output.FORECAST)
+        write_plain_outlook(C, n, observed, pose, out, output.FORECAST)
         write_label(C, n, observed, m, pose, out)
 
 
@@ -284,20 +208,31 @@ def label_without_forecasts(C: Array, n: int, observed: Array, m: Array, out: Ar
 @helper
 def write_label(C: Array, n: int, observed: Array, m: Array, pose: Posture, out: Array) -> None:
     """Write state, reason, margins and the other extras of a loaded body: margins first, then the rules in order."""
-    rotation = rotation_since(observed, m, body_memory.REFERENCE)
+    rotation = rotation_since(observed, m, memory.REFERENCE)
     p = contact_travel(C, n, rotation)
-    static_margins(observed, normal_sum(C, n), pose[2], out)
-    out[label_output.DETERMINACY] = determinacy(C, n, observed, pose[1])
-    determinate = out[label_output.DETERMINACY] > 0.0
-    out[label_output.ROTATION] = rotation_margin(observed, m, pose, p, determinate)
+    total, f, t = 0.0, observed_body.FORCE, observed_body.TORQUE
+    for i in range(n):
+        total += abs(C[i, loaded_contact.NORMAL_FORCE])
+    out[output.FORCE_BALANCE] = static_margin(observed[f], observed[f + 1], observed[f + 2], total)
+    out[output.MOMENT_BALANCE] = static_margin(observed[t], observed[t + 1], observed[t + 2], total * pose[2])
+    out[output.DETERMINACY] = determinacy(C, n, observed, pose[1])
+    determinate = out[output.DETERMINACY] > 0.0
+    out[output.ROTATION] = rotation_margin(observed, m, pose, p, determinate)
     write_ratios(C, n, m, pose, rotation, out)
-    slides = friction_margins(C, n, pose, out)
-    if slides and (pose[0] != BOTH or out[label_output.ROTATION] > 0.0):
-        out[label_output.STATE], out[label_output.REASON] = SLIDING, FRICTION_LIMIT
-    elif out[label_output.ROTATION] <= 0.0:
-        out[label_output.STATE], out[label_output.REASON] = ROLLING, rolling_reason(m, pose, rotation, p)
+    lower, upper, lateral = friction(C, n, BELOW), friction(C, n, ABOVE), friction(C, n, NEITHER)
+    out[output.FRICTION] = max(1.0 - max(lower[1], upper[1], lateral[1]), LOWEST)
+    if pose[0] & BELOW != 0:
+        out[output.FRICTION_LOWER] = max(1.0 - lower[0], LOWEST)
+    if pose[0] & ABOVE != 0:
+        out[output.FRICTION_UPPER] = max(1.0 - upper[0], LOWEST)
+    out[output.SLIDING_SIDE] = (1.0 if lower[2] else 0.0) + (2.0 if upper[2] else 0.0)
+    slides = lower[2] or upper[2] or (pose[0] == NEITHER and lateral[2])
+    if slides and (pose[0] != BOTH or out[output.ROTATION] > 0.0):
+        out[output.STATE], out[output.REASON] = SLIDING, FRICTION_LIMIT
+    elif out[output.ROTATION] <= 0.0:
+        out[output.STATE], out[output.REASON] = ROLLING, rolling_reason(m, pose, rotation, p)
     else:
-        out[label_output.STATE] = STICKING
-        out[label_output.REASON] = ONE_SIDED if pose[0] != BOTH else (NONE if determinate else INDETERMINATE)
-    if out[label_output.FORCE_BALANCE] < 0.0 or out[label_output.MOMENT_BALANCE] < 0.0:
-        out[label_output.REASON] = UNBALANCED
+        out[output.STATE] = STICKING
+        out[output.REASON] = ONE_SIDED if pose[0] != BOTH else (NONE if determinate else INDETERMINATE)
+    if out[output.FORCE_BALANCE] < 0.0 or out[output.MOMENT_BALANCE] < 0.0:
+        out[output.REASON] = UNBALANCED

@@ -10,10 +10,7 @@ Where springs slide on a curve each lags by a different angle, and no field of f
 first such step on the contact area has some 1.5 `nodes` springs, dragged in closed form (`exact_springs`): at constant overlap a
 polygon is followed exactly, a curve to second order in the step. The springs themselves add an error of at most 2e-4 of mu N with
 48 nodes, which falls with the square of their number. A contact that has slid far along a line is a field again.
-
-Neglected: the elastic coupling of dissimilar bodies, and tangential forces across the direction of sliding (Cattaneo's
-approximation). Where a whole contact slides on a curve of radius r its springs lag by different angles and |T| falls short of mu
-N by some 0.03 (s_c/r)^2; on a line it is mu N.
+What every level neglects: README.md, "Levels".
 """
 
 import math
@@ -23,27 +20,29 @@ import numpy as np
 
 from thirdbody.plugin import (
     RENEWAL,
+    Contact,
     Law,
+    Load,
     Option,
     Options,
-    Pair,
     Tangential,
     e_star,
     g_star,
+    helper,
     kernel,
     moved_ground,
     renewal_rate,
     renewed,
 )
 
-from .exact_rolling import carry_field, carry_springs, renewal_loss
-from .exact_springs import advance_springs, cell_means, spring_energy, spring_force
-from .numerical_tangent import central
-from .spring_field import GAUSS, FieldStep, advance_field, field_energy, field_force, helper, piece_mean
+from .exact_springs import advance_springs, carry_field, carry_springs, cell_means, renewal_loss, spring_energy, spring_force
+from .spring_field import GAUSS, FieldStep, advance_field, field_energy, field_force, piece_mean
+
+STEP = 1e-6  # relative step of differences: half the digits of the forces remain
 
 
 class ExactParameters(NamedTuple):
-    """Effective shear modulus (the paper's G*) [Pa]; friction; mu E*/G*; renewal in rolling per contact radius."""
+    """G* of the paper [Pa]; friction; kappa = mu E*/G* (Willert, Eqs. 13, 14); renewal in rolling per contact radius."""
 
     g_star: float
     mu: float
@@ -55,10 +54,9 @@ class ExactParameters(NamedTuple):
 def step_of(c, load, p, h):
     """Return the step of the springs (`FieldStep`), the fraction of slip that counts, `Ground` and `Renewal`.
 
-    The slip is multiplied by the fraction
-    that remains in the springs while rolling renews them. A negative overlap before the step removes the part of the slip before
-    touch. The bound is kappa (d - q) N_total/N_Hertz, so that the whole contact slides at mu times the load available to
-    friction.
+    The slip is multiplied by the fraction that remains in the springs while rolling renews them. A negative overlap before the
+    step removes the part of the slip before touch. The bound is kappa (d - q) N_total/N_Hertz, so that the whole contact slides
+    at mu times the load available to friction.
     """
     d, d_old = c.overlap, h[0]
     after = d / (d - d_old) if d_old < 0.0 else 1.0
@@ -67,18 +65,6 @@ def step_of(c, load, p, h):
     after *= renewal.fill
     k = p.kappa * load.force / load.elastic
     return FieldStep(after * c.slip_x, after * c.slip_y, max(d_old, 0.0), d, k), after, ground, renewal
-
-
-@helper
-def force_of(w, n):
-    """int w dy of a field with n nodes, or of springs if n is negative."""
-    return field_force(w, n) if n >= 0 else spring_force(w, -n - 1)
-
-
-@helper
-def energy_of(w, n):
-    """int |w|^2 dy of a field with n nodes, or of springs if n is negative."""
-    return field_energy(w, n, 0.0) if n >= 0 else spring_energy(w, -n - 1)
 
 
 @helper
@@ -122,23 +108,6 @@ def rotated_springs(w, n, w_new, step):
     return -m - 1, slip, loss
 
 
-@helper
-def moved(w, n, w_new, step):
-    """Field (w, n), or springs if n is negative, after one step.
-
-    Returns (number for the history, slip of the centre, loss/(2 G*), nodes dropped).
-    """
-    as_springs = n < 0
-    if not as_springs:
-        count, slip, loss, dropped, as_springs = advance_field(w, n, w_new, step)
-        if not as_springs:
-            if step.overlap < step.overlap_before:
-                loss += 0.5 * field_energy(w, n, step.overlap)
-            return count, slip, loss, dropped
-    count, slip, loss = rotated_springs(w, n, w_new, step)
-    return count, slip, loss, 0
-
-
 @kernel
 def exact(c, load, p, h, w, w_new):
     """T = -2 G* int_0^a w dx, U = G* int_0^a |w|^2 dx.
@@ -150,7 +119,7 @@ def exact(c, load, p, h, w, w_new):
     Dissipated: by springs that slide, the mean of their bounds while sliding times their slip (exact at constant overlap, second
     order in the step otherwise), and the energy released by rolling and by loss of contact area. None of these is a difference of
     works, none is negative. The slip is that of the centre, which sticks while any spring does. Rolling: unstressed material
-    enters the contact area; the field is carried outward with the travel over fresh ground (`exact_rolling`), at the rate of
+    enters the contact area; the field is carried outward with the travel over fresh ground (`exact_springs`), at the rate of
     Kalker's creep.
     """
     limit, d = p.mu * load.force, c.overlap
@@ -159,16 +128,20 @@ def exact(c, load, p, h, w, w_new):
             w_new[i] = 0.0
         return Tangential(0.0, 0.0, limit, p.kappa * max(d, 0.0), 0.0, 0.0, 0.0), (max(d, 0.0),) + (0.0,) * 7
     step, _, ground, renewal = step_of(c, load, p, h)
-    n = int(h[1])
-    modulus = p.g_star * load.contact_radius / math.sqrt(d)
+    n, modulus = int(h[1]), p.g_star * load.contact_radius / math.sqrt(d)
+    v, m = rolled_field(w, n, renewal.retained, step)
+    count, slip, loss, dropped, as_springs = 0, 0.0, 0.0, 0, m < 0
+    if not as_springs:
+        count, slip, loss, dropped, as_springs = advance_field(v, m, w_new, step)
+        if d < step.overlap_before:
+            loss += 0.5 * field_energy(v, m, d)
+    if as_springs:
+        count, slip, loss = rotated_springs(v, m, w_new, step)
+        dropped = 0
     if renewal.retained < 1.0 and n != 0:
-        v, m = rolled_field(w, n, renewal.retained, step)
-        count, slip, loss, dropped = moved(v, m, w_new, step)
         loss += 0.5 * renewal_loss(w, n, v, m, step, renewal, (c.slip_x, c.slip_y), slip > 0.0)
-    else:
-        count, slip, loss, dropped = moved(w, n, w_new, step)
-    x, y = force_of(w_new, count)
-    stored = modulus * energy_of(w_new, count)
+    x, y = field_force(w_new, count) if count >= 0 else spring_force(w_new, -count - 1)
+    stored = modulus * (field_energy(w_new, count, 0.0) if count >= 0 else spring_energy(w_new, -count - 1))
     x, y = -2.0 * modulus * x, -2.0 * modulus * y
     size = math.sqrt(x * x + y * y)
     # a contact that slides in one direction has two nodes left: then the force is the limit to the last digit
@@ -250,15 +223,29 @@ def tangent_of_field(c, load, p, h, w):
 
 
 @helper
-def on_an_axis(w, n, slip_x, slip_y):
-    """Return whether the slip and all springs lie along one axis of the frame, as in every planar problem."""
-    x, y = slip_x != 0.0, slip_y != 0.0
-    for i in range(0, 3 * n, 3):
-        x, y = x or w[i + 1] != 0.0, y or w[i + 2] != 0.0
-    return not (x and y)
+def curved_tangent(c, load, p, h, w):
+    """Tangent by central differences of the step: consistent with it whatever happens within.
 
-
-curved_tangent = central(exact)
+    With the overlap the part of Hertz in the load goes as d^1.5, the contact radius as d^0.5, the total by its stiffness.
+    """
+    e_d, e_s = STEP * c.overlap, STEP * max(p.kappa, 1e-3) * c.overlap
+    forces, w_new = np.empty((6, 2)), np.empty(len(w))
+    for k in range(6):  # one call only: the law is inlined, and six copies take seconds more to compile
+        size = 1.0 if k % 2 == 0 else -1.0
+        x, y = c.slip_x + (size * e_s if k < 2 else 0.0), c.slip_y + (size * e_s if k // 2 == 1 else 0.0)
+        d = c.overlap + (size * e_d if k >= 4 else 0.0)
+        increment = d - c.overlap
+        fraction = increment / c.overlap
+        elastic, radius = load.elastic * (1.0 + 1.5 * fraction), load.contact_radius * (1.0 + 0.5 * fraction)
+        there = Contact(d, c.radius, c.mass, c.v_n, x, y, c.v_x, c.v_y, c.roll_x, c.roll_y)
+        pressed = Load(load.force + load.stiffness * increment, elastic, radius, load.stiffness, load.squared_radius_rate)
+        answer = exact(there, pressed, p, h, w, w_new)[0]
+        forces[k, 0], forces[k, 1] = answer.x, answer.y
+    return (
+        0.5 * (forces[0, 0] - forces[1, 0]) / e_s, 0.5 * (forces[2, 0] - forces[3, 0]) / e_s,
+        0.5 * (forces[0, 1] - forces[1, 1]) / e_s, 0.5 * (forces[2, 1] - forces[3, 1]) / e_s,
+        0.5 * (forces[4, 0] - forces[5, 0]) / e_d, 0.5 * (forces[4, 1] - forces[5, 1]) / e_d,
+    )  # fmt: skip
 
 
 @kernel
@@ -272,25 +259,21 @@ def exact_tangent(c, load, p, h, w):
     # without friction no spring holds, not even at rest
     if not (c.overlap > 0.0 and load.contact_radius > 0.0 and load.elastic > 0.0 and p.kappa * load.force > 0.0):
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    if h[1] >= 0.0 and on_an_axis(w, int(h[1]), c.slip_x, c.slip_y):
+    along_x, along_y = (
+        c.slip_x != 0.0,
+        c.slip_y != 0.0,
+    )  # in every planar problem slip and springs lie along one axis of the frame
+    for i in range(0, 3 * int(h[1]), 3):
+        along_x, along_y = along_x or w[i + 1] != 0.0, along_y or w[i + 2] != 0.0
+    if h[1] >= 0.0 and not (along_x and along_y):
         return tangent_of_field(c, load, p, h, w)
     return curved_tangent(c, load, p, h, w)
 
 
-def mix_exact(pair: Pair, options: Options) -> ExactParameters:
-    """Return G*, friction, kappa = mu E*/G* (Willert, Eqs. 13, 14) and the renewal of a rolling contact area."""
-    g = g_star(pair.a, pair.b)
-    return ExactParameters(g, pair.friction, pair.friction * e_star(pair.a, pair.b) / g, renewal_rate(pair, options))
-
-
 NODES = Option(
-    "nodes",
-    "dimensionless",
-    48.0,
-    low=24.0,
-    high=4096.0,
+    "nodes", "dimensionless", 48.0, low=24.0, high=4096.0,
     doc="capacity per contact: bends of its history on a line, or two thirds of the springs on a curve",
-)
+)  # fmt: skip
 
 
 def width(options: Options) -> int:
@@ -308,10 +291,13 @@ EXACT = Law(
     kernel=exact,
     tangent=exact_tangent,
     parameters=ExactParameters,
-    mix=mix_exact,
+    mix=lambda pair, options: ExactParameters(
+        g_star(pair.a, pair.b), pair.friction, pair.friction * e_star(pair.a, pair.b) / g_star(pair.a, pair.b),
+        renewal_rate(pair, options),
+    ),
     options=(NODES, RENEWAL),
     history=("overlap", "nodes", "force_x", "force_y", "offset_x", "offset_y", "reach", "dropped"),
     field=width,
     rolls=True,
     source="Aleshin et al. 2015; Popov and Hess 2015; Willert, Self-consistency conditions in static three-body contact",
-)
+)  # fmt: skip

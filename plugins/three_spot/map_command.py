@@ -1,20 +1,17 @@
 """Command `thirdbody map`: regimes of a three-spot particle (sticking, sliding, rolling), by theory and by full solution."""
 
-from __future__ import annotations
-
 import json as js
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from thirdbody.plugin import OutputError, UsageError
 
-if TYPE_CHECKING:
-    from .regime_map import MapPoint
+from .balance_command import check_format
+from .regime_map import computed_points, draw_map, map_numbers
 
-FORMATS = (".png", ".pdf", ".svg")
 PICTURE = Path("map.png")
 LARGEST = 1e6
 
@@ -27,27 +24,18 @@ def map_command(
     json: Annotated[bool, typer.Option("--json", help="print the numbers as JSON; a picture only with -o")] = False,
 ) -> None:
     """Draw the map of regimes over friction and geometry, and the paper's second figure."""
-    from .regime_map import draw_map, map_numbers
-
     if not abs(big_h) <= LARGEST:
         raise UsageError(f"--H {big_h}: must lie between -{LARGEST:g} and {LARGEST:g}")
     if not 1.0 / LARGEST <= half_width <= LARGEST:
         raise UsageError(f"--half-width {half_width}: must lie between {1.0 / LARGEST:g} and {LARGEST:g}")
     picture = out if out is not None or json else PICTURE
     if picture is not None:
-        if picture.suffix.lower() not in FORMATS:
-            raise UsageError(f"{picture}: a picture ends in {', '.join(FORMATS)}")
+        check_format(picture)
         try:
-            draw_map(picture, big_h, half_width, _computed(half_width) if computed else ())
+            draw_map(picture, big_h, half_width, computed_points(half_width) if computed else ())
         except OSError as error:
             raise OutputError(f"{picture}: {error.strerror or error}") from error
     if json:
         print(js.dumps(map_numbers(big_h, half_width), indent=1))
     if picture is not None:
         print(picture, file=sys.stderr if json else sys.stdout)
-
-
-def _computed(half_width: float) -> tuple[MapPoint, ...]:
-    from .regime_points import computed_points
-
-    return computed_points(half_width)

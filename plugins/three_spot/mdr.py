@@ -8,7 +8,7 @@ T = 2 G* int_0^a w dx over springs at x in [0, a] that touch where the overlap e
   onto its limit. Along a line that is exact whatever the length of the step, so 100 steps give the same as one; on a curved
   path the return makes an error of first order in the angle by which a step turns, down to that of the row: for 32 springs
   at most 2e-3 of mu N, by where the edge falls between springs (overlaps 1e-3 to 1e-2 of the radius).
-* Two neighbouring springs are merged at the very moment when the contact area reaches the end of the grid (`spring_grid`):
+* Two neighbouring springs are merged at the very moment when the contact area reaches the end of the grid (`mdr_springs`):
   n springs suffice for a growing contact, and the state depends on the path only. A shrinking contact keeps its coarse grid
   until it opens. The gap of a spring is the mean over its cell, so merging preserves every field that is linear in x^2, and the
   springs together never exceed mu N (they fall short of it by 1.5 (spacing/2a)^2 at most: 4e-4 for 32 springs).
@@ -26,10 +26,10 @@ from thirdbody.plugin import (
     Law,
     Option,
     Options,
-    Pair,
     Tangential,
     e_star,
     g_star,
+    helper,
     kernel,
     moved_ground,
     renewal_rate,
@@ -37,17 +37,22 @@ from thirdbody.plugin import (
     stack_array,
 )
 
-from .mdr_rolling import carry
-from .mdr_tangent import tangent_of_springs
-from .numerical_tangent import helper
-from .spring_grid import MAX_SPRINGS, cells_of, end_of, mean_gap, merge, merges_for, squares_lost, width_of
-
-SCRATCH = 6 * MAX_SPRINGS
-"""Floats of scratch for a step."""
+from .mdr_springs import (
+    MAX_SPRINGS,
+    carry,
+    cells_of,
+    end_of,
+    mean_gap,
+    merge,
+    merges_for,
+    springs_tangent,
+    squares_lost,
+    width_of,
+)
 
 
 class SpringParameters(NamedTuple):
-    """Effective shear modulus (the paper's G*) [Pa]; friction; ratio of the moduli mu E*/G*; renewal per contact radius."""
+    """Effective shear modulus G* [Pa]; friction; kappa = mu E*/G* (Willert, Eqs. 13, 14); renewal per contact radius."""
 
     g_star: float
     mu: float
@@ -62,17 +67,6 @@ def squares(rows, n, wide):
     for i in range(n):
         total += width_of(i, wide) * (rows[i] * rows[i] + rows[n + i] * rows[n + i])
     return total
-
-
-class Rolled(NamedTuple):
-    """Rolling within a step: coefficients of the energy released (of spring times slip, of lost spring times slip, of slip
-    squared), and the slip."""
-
-    mean: float
-    mixed: float
-    own: float
-    slip_x: float
-    slip_y: float
 
 
 @kernel
@@ -122,19 +116,20 @@ def segment(new, grid, path, slip, bound, scratch):
 def released_by_rolling(w, new, grid, before, roll, scratch):
     """Return the energy that rolling releases in a step of one piece, of springs of unit stiffness.
 
-    `scratch`: that of `segment` after it, with the springs w carried outward at first. Exact for uniform springs that stick and
+    `roll`: coefficients of spring times slip, of lost spring times slip, of slip squared, and the slip along x and y; `scratch`:
+    that of `segment` after it, with the springs w carried outward at first. Exact for uniform springs that stick and
     for springs that slide in one direction throughout, of first order in the renewal of a step in between.
     """
-    n, wide, scale = grid
+    (n, wide, scale), (mean, mixed, own, slip_x, slip_y) = grid, roll
     for i in range(n):
         slips = 1.0 if before > mean_gap(i, wide, scale) else 0.0
-        s_x, s_y = slips * roll.slip_x, slips * roll.slip_y
+        s_x, s_y = slips * slip_x, slips * slip_y
         x, y, x_old, y_old = w[i], w[n + i], scratch[i], scratch[n + i]
         lost_x, lost_y = x - x_old, y - y_old
-        sliding = 0.5 * ((lost_x - roll.mean * s_x) * (x + new[i]) + (lost_y - roll.mean * s_y) * (y + new[n + i]))
+        sliding = 0.5 * ((lost_x - mean * s_x) * (x + new[i]) + (lost_y - mean * s_y) * (y + new[n + i]))
         # mean over the step minus the fraction `fill` of the end, where the springs decay from one to the other
-        sticking = 0.5 * (lost_x * (x + x_old) + lost_y * (y + y_old)) + roll.own * (s_x * s_x + s_y * s_y)
-        sticking -= s_x * (roll.mean * x + roll.mixed * lost_x) + s_y * (roll.mean * y + roll.mixed * lost_y)
+        sticking = 0.5 * (lost_x * (x + x_old) + lost_y * (y + y_old)) + own * (s_x * s_x + s_y * s_y)
+        sticking -= s_x * (mean * x + mixed * lost_x) + s_y * (mean * y + mixed * lost_y)
         scratch[5 * n + i] = width_of(i, wide) * (sliding if scratch[2 * n + i] < 1.0 else sticking)
     released = 0.0
     for i in range(n):
@@ -150,7 +145,7 @@ def springs(c, load, p, h, w, w_new):
     if before <= 0.0:
         merges = merges_for(c.overlap, n, c.radius)
     spacing, wide = cells_of(merges, n, c.radius)
-    scratch = stack_array(SCRATCH)
+    scratch = stack_array(6 * MAX_SPRINGS)
     # Coulomb's limit uses the total normal force, including the dashpot
     bound = p.kappa * load.force / max(load.elastic, 1e-300)
     ground = moved_ground(c.roll_x, c.roll_y, load.contact_radius, h[4], h[5], h[6])
@@ -194,25 +189,10 @@ def springs(c, load, p, h, w, w_new):
     elif rolls:
         mean = 1.0 - renewal.fill
         mixed = renewal.fill - mean / (1.0 - renewal.retained)
-        energy += stiffness * released_by_rolling(
-            w, w_new, grid, before, Rolled(mean, mixed, renewal.own, c.slip_x, c.slip_y), scratch
-        )
+        roll = mean, mixed, renewal.own, c.slip_x, c.slip_y
+        energy += stiffness * released_by_rolling(w, w_new, grid, before, roll, scratch)
     answer = Tangential(x, y, p.mu * load.force, p.kappa * c.overlap, slip, stored, energy)
     return answer, (c.overlap, float(merges), x, y, ground.x, ground.y, ground.reach)
-
-
-@kernel
-def springs_tangent(c, load, p, h, w):
-    """Consistent tangent of one step, including springs that stick, slip, touch or merge within it (`mdr_tangent`)."""
-    merges = int(h[1]) if h[0] > 0.0 else merges_for(c.overlap, len(w) // 2, c.radius)
-    distance = moved_ground(c.roll_x, c.roll_y, load.contact_radius, h[4], h[5], h[6]).path
-    return tangent_of_springs(c, load, p, (h[0], merges, renewed(p.renewal * distance / max(load.contact_radius, 1e-300))), w)
-
-
-def mix_springs(pair: Pair, options: Options) -> SpringParameters:
-    """Return G*, friction and kappa = mu E*/G* (Willert, Eqs. 13, 14)."""
-    g = g_star(pair.a, pair.b)
-    return SpringParameters(g, pair.friction, pair.friction * e_star(pair.a, pair.b) / g, renewal_rate(pair, options))
 
 
 def width(options: Options) -> int:
@@ -230,7 +210,10 @@ MDR = Law(
     kernel=springs,
     tangent=springs_tangent,
     parameters=SpringParameters,
-    mix=mix_springs,
+    mix=lambda pair, options: SpringParameters(
+        g_star(pair.a, pair.b), pair.friction, pair.friction * e_star(pair.a, pair.b) / g_star(pair.a, pair.b),
+        renewal_rate(pair, options),
+    ),
     options=(
         Option("springs", "dimensionless", 32.0, low=4.0, high=float(MAX_SPRINGS), doc="springs per contact, a whole number"),
         RENEWAL,
@@ -239,4 +222,4 @@ MDR = Law(
     field=width,
     rolls=True,
     source="Popov and Hess 2015; Willert, Self-consistency conditions in static three-body contact, Eqs. 11-13",
-)
+)  # fmt: skip

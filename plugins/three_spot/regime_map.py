@@ -11,14 +11,14 @@ Weightless, equal friction on both sides, spots 2 and 3 at -+L around the middle
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import conditions, theory
+from . import conditions
+from .balance import Result, balance
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,7 +33,6 @@ LINES = ((r"$t_\mathrm{max} = (x_1 - x_2)/h$", "-"), (r"$t_\mathrm{min} = (x_1 -
 DOTS = 160  # per inch
 HATCHES = {"rolling": "", "sticking": "....", "sliding": "////"}  # the regimes remain distinguishable in black and white print
 MARKERS = {"rolling": "o", "sticking": "s", "sliding": "D"}
-PANELS = ("fig2", "regimes")
 
 LEVELS = (-4.0, -2.0, -1.0, -0.5, 0.0, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)  # of zeta_3
 N_2_RANGE = (0.02, 0.98)  # n_2: zeta_3 is infinite at 1
@@ -43,34 +42,52 @@ GRID = 401
 INK, PALE = "#222222", 0.55  # fraction of white in the areas, so that lines and text on them are legible
 
 
-@dataclass(frozen=True)
-class MapPoint:
-    """A computed particle to draw: `panel` "fig2" with x = n_2, y = zeta_2, or "regimes" with x = x_1/h, y = mu."""
+HEIGHT, RADIUS = 4.0, 2.0  # of a computed particle [um]
+POSITIONS = (-1.0, -0.75, -0.4, -0.1, 0.15, 0.4, 0.7, 0.95, 1.25)
+FRICTIONS = (0.12, 0.35, 0.6, 0.85)
+STEPS = 60
 
-    panel: str
+
+class MapPoint(NamedTuple):
+    """A computed particle on the panel of regimes: x_1/h, friction, state."""
+
     x: float
     y: float
     state: str
-    label: str = ""
-
-    def __post_init__(self) -> None:
-        if self.panel not in PANELS or self.state not in COLORS:
-            raise ValueError(f"panel {self.panel!r}, state {self.state!r}: the panels are {PANELS}, the states {tuple(COLORS)}")
 
 
-def third_spots(n_2: Array, zeta_2: Array, big_h: float) -> Array:
-    """zeta_3 (len(zeta_2), len(n_2)) of Fig. 2 by `theory.third_spot_position`."""
-    return np.array([[theory.third_spot_position(float(n), float(z), big_h) for n in n_2] for z in zeta_2])
+def computed_points(half_width: float) -> tuple[MapPoint, ...]:
+    """Return particles with lower spots at -+ `half_width` (over h), solved with partial slip; undecided ones are omitted."""
+    result = [(x, mu, _regime(_dragged(x, half_width, mu))) for x in POSITIONS for mu in FRICTIONS]
+    return tuple(MapPoint(x, mu, state) for x, mu, state in result if state is not None)
 
 
-def regime(x_1: float, half_width: float, mu: float) -> str:
-    """Return one of `REGIMES` for the upper spot at x_1/h and the lower ones at -+`half_width`, all in units of h."""
-    spots = ((x_1,), (-half_width, half_width), 1.0)
-    try:
-        state = conditions.dragged_friction(*spots, mu)[1]
-    except ValueError:  # it cannot stick even at rest
+def _dragged(x_1: float, half_width: float, mu: float) -> Result:
+    """Return the particle of the map under a load, dragged well beyond the critical displacement of its spots."""
+    solid, size = {"shear_modulus": "80 GPa", "poisson_ratio": 0.3}, f"{RADIUS} um"
+    spots = [
+        {"side": side, "x": f"{x * HEIGHT} um", "z": f"{z * HEIGHT} um", "radius": size}
+        for side, x, z in (("upper", x_1, 0.5), ("lower", -half_width, -0.5), ("lower", half_width, -0.5))
+    ]
+    return balance({
+        "balance": 1, "materials": {"upper": solid, "lower": solid, "particle": solid}, "friction": {"upper": mu, "lower": mu},
+        "particle": {"weight": "0 N", "spots": spots}, "path": {"load": "0.1 mN", "drag": f"{60.0 * mu} nm", "steps": STEPS},
+    })  # fmt: skip
+
+
+def _regime(result: Result) -> str | None:
+    """Rolling if it is not held even at rest, sliding if it ends so, sticking if it tips during the drag; None if undecided.
+
+    It tips when a spot lifts off: from then on two spots carry it.
+    """
+    if result.stopped is not None and result.stopped.label != "rolling":
+        return None
+    if not result.points or result.points[0].label == "rolling":
         return "rolling"
-    return "sliding" if state == "sliding" else "sticking"
+    last = result.points[-1]
+    if result.stopped is None and last.label == "sliding":
+        return "sliding"
+    return "sticking" if result.stopped is not None or last.label == "rolling" or "open" in last.spots else None
 
 
 def map_numbers(big_h: float, half_width: float, count: int = 9) -> dict[str, Any]:
@@ -80,31 +97,27 @@ def map_numbers(big_h: float, half_width: float, count: int = 9) -> dict[str, An
     """
     n_2, zeta_2 = np.linspace(0.1, 0.9, count), np.linspace(*ZETA_2, count)
     positions = np.linspace(*_position_range(half_width), count)
-    limits = [_limits(float(x), half_width) for x in positions]
+    zeta_3 = conditions.third_spot_position(n_2, zeta_2[:, None], big_h)
+    limits = zip(("t_min", "t_max", "mu_required"), _limits(positions, half_width).tolist(), strict=True)
     return {
-        "fig2": {"H": big_h, "n_2": n_2.tolist(), "zeta_2": zeta_2.tolist(), "zeta_3": third_spots(n_2, zeta_2, big_h).tolist()},
-        "regimes": {
-            "half_width": half_width,
-            "x_1": positions.tolist(),
-            **{name: [limit[i] for limit in limits] for i, name in enumerate(("t_min", "t_max", "mu_required"))},
-        },
+        "fig2": {"H": big_h, "n_2": n_2.tolist(), "zeta_2": zeta_2.tolist(), "zeta_3": zeta_3.tolist()},
+        "regimes": {"half_width": half_width, "x_1": positions.tolist(), **dict(limits)},
     }
 
 
-def draw_map(
-    path: Path, big_h: float = 1.0, half_width: float = 0.5, points: Sequence[MapPoint] = (), colors: Mapping[str, str] = COLORS
-) -> None:
+def draw_map(path: Path, big_h: float = 1.0, half_width: float = 0.5, points: Sequence[MapPoint] = ()) -> None:
     """Write both panels to `path`, in the format of its suffix. Raises OSError, and ValueError for an unknown format."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10.4, 5.4), layout="constrained")
     left, right = figure.subplots(1, 2)
     _draw_fig2(left, big_h)
-    _draw_regimes(right, half_width, colors)
-    for panel, axes in zip(PANELS, (left, right), strict=True):
-        _draw_points(axes, [point for point in points if point.panel == panel], colors)
-    figure.legend(handles=_legend_entries({point.state for point in points}, colors), loc="outside lower center", ncols=3,
-                  frameon=False, fontsize=9.5, handlelength=2.4, columnspacing=2.5)  # fmt: skip
+    _draw_regimes(right, half_width)
+    for x, mu, state in points:
+        right.plot(x, mu, MARKERS[state], color=COLORS[state], markeredgecolor=INK, markersize=8, zorder=5)
+    entries = _legend_entries({point.state for point in points})
+    figure.legend(handles=entries, loc="outside lower center", ncols=3, frameon=False, fontsize=9.5, handlelength=2.4,
+                  columnspacing=2.5)  # fmt: skip
     figure.savefig(path, dpi=DOTS)
 
 
@@ -114,15 +127,15 @@ def _position_range(half_width: float) -> tuple[float, float]:
     return -half_width - 0.6 * top, half_width + 1.1 * top
 
 
-def _limits(x_1: float, half_width: float) -> tuple[float, float, float]:
-    """(t_min, t_max, mu_required)."""
-    spots = ((x_1,), (-half_width, half_width), 1.0)
-    return *conditions.planar_interval(*spots), conditions.required_scale(*spots, 1.0, 1.0)
+def _limits(positions: Array, half_width: float) -> Array:
+    """Return t_min, t_max, mu_required (3, n) of upper spots at x_1/h (n,)."""
+    spots = [((float(x),), (-half_width, half_width), 1.0) for x in positions]
+    return np.array([(*conditions.planar_interval(*one), conditions.required_scale(*one, 1.0, 1.0)) for one in spots]).T
 
 
 def _draw_fig2(axes: Axes, big_h: float) -> None:
     n_2, zeta_2 = np.linspace(*N_2_RANGE, GRID), np.linspace(*ZETA_2, GRID)
-    values = third_spots(n_2, zeta_2, big_h)
+    values = conditions.third_spot_position(n_2, zeta_2[:, None], big_h)
     for level in LEVELS:
         if values.min() < level < values.max():
             line = axes.contour(n_2, zeta_2, values, [level], colors=INK, linewidths=2.0 if level == 0.0 else 1.1)
@@ -141,18 +154,18 @@ def _label_positions(level: float, big_h: float) -> list[tuple[float, float]]:
     """Intersections of a contour with the panel's rising diagonal, or else the falling one, for labels inside."""
     n_2 = np.linspace(0.05, 0.95, GRID)
     for zeta_2 in (ZETA_2[1] * n_2, ZETA_2[1] * (1.0 - n_2)):
-        values = np.array([theory.third_spot_position(float(n), float(z), big_h) for n, z in zip(n_2, zeta_2, strict=True)])
+        values = conditions.third_spot_position(n_2, zeta_2, big_h)
         crossed = np.flatnonzero((values[:-1] - level) * (values[1:] - level) < 0.0)
         if len(crossed):
             return [(float(n_2[k]), float(zeta_2[k])) for k in crossed]
     return []
 
 
-def _draw_regimes(axes: Axes, half_width: float, colors: Mapping[str, str]) -> None:
+def _draw_regimes(axes: Axes, half_width: float) -> None:
     ends, highest = _position_range(half_width), max(MU, half_width)
     kinks = [side * half_width + reach for side in (-1.0, 1.0) for reach in (-highest, 0.0, highest)]  # areas with sharp corners
     positions = np.union1d(np.linspace(*ends, GRID), [x for x in kinks if ends[0] < x < ends[1]])
-    low, high, need = np.array([_limits(float(x), half_width) for x in positions]).T
+    low, high, need = _limits(positions, half_width)
     areas = {
         "rolling": (np.zeros(len(positions)), need),
         "sliding": (np.maximum(low, 0.0), np.maximum(high, 0.0)),
@@ -161,12 +174,16 @@ def _draw_regimes(axes: Axes, half_width: float, colors: Mapping[str, str]) -> N
     for name, (bottom, top) in areas.items():
         top = np.minimum(top, highest)
         axes.fill_between(
-            positions, bottom, top, where=top >= bottom, facecolor=_pale(colors[name]), edgecolor=colors[name],
+            positions, bottom, top, where=top >= bottom, facecolor=_pale(COLORS[name]), edgecolor=COLORS[name],
             hatch=HATCHES[name], linewidth=0.0,
         )  # fmt: skip
     for values, (_, style) in zip((high, low, -high), LINES, strict=True):
         axes.plot(positions, values, color=INK, linewidth=1.8, linestyle=style)
-    _mark_lower_spots(axes, half_width)
+    # labelled above the panel: inside it a computed particle could cover the text
+    for number, x in ((2, -half_width), (3, half_width)):
+        axes.axvline(x, color=INK, linewidth=0.7, linestyle=(0, (1, 3)))
+        axes.annotate(f"spot {number}", (x, 1.0), (0.0, 3.0), xycoords=axes.get_xaxis_transform(), textcoords="offset points",
+                      ha="center", fontsize=8.5, color=INK)  # fmt: skip
     axes.set_xlim(*ends)
     axes.set_ylim(0.0, highest)
     axes.set_xlabel("place of the upper spot,  $x_1/h$")
@@ -174,35 +191,20 @@ def _draw_regimes(axes: Axes, half_width: float, colors: Mapping[str, str]) -> N
     axes.set_title(f"lower spots at $x/h = \\pm{half_width:g}$, drag to the left, no weight", fontsize=10, pad=18.0)
 
 
-def _mark_lower_spots(axes: Axes, half_width: float) -> None:
-    """Mark the positions of the lower spots, labelled above the panel: inside it a computed particle could cover the text."""
-    for number, x in ((2, -half_width), (3, half_width)):
-        axes.axvline(x, color=INK, linewidth=0.7, linestyle=(0, (1, 3)))
-        axes.annotate(f"spot {number}", (x, 1.0), (0.0, 3.0), xycoords=axes.get_xaxis_transform(), textcoords="offset points",
-                      ha="center", fontsize=8.5, color=INK)  # fmt: skip
-
-
-def _legend_entries(computed: set[str], colors: Mapping[str, str]) -> list[Any]:
+def _legend_entries(computed: set[str]) -> list[Any]:
     """Return one column each of the regimes by theory, their limits, and the computed particles, if any."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    areas = [Patch(facecolor=_pale(colors[name]), edgecolor=colors[name], hatch=HATCHES[name], linewidth=0.0,
+    areas = [Patch(facecolor=_pale(COLORS[name]), edgecolor=COLORS[name], hatch=HATCHES[name], linewidth=0.0,
                    label=f"theory: {WORDS[name]}") for name in REGIMES]  # fmt: skip
     lines: list[Any] = []
     for name, style in LINES:
         lines.append(Line2D([], [], color=INK, linewidth=1.8, label=name))
         lines[-1].set_linestyle(style)
-    marks = [Line2D([], [], linestyle="", marker=MARKERS[name], color=colors[name], markeredgecolor=INK, markersize=8,
+    marks = [Line2D([], [], linestyle="", marker=MARKERS[name], color=COLORS[name], markeredgecolor=INK, markersize=8,
                     label=f"computed: {WORDS[name]}") for name in REGIMES if name in computed]  # fmt: skip
     return [*areas, *lines, *marks]
-
-
-def _draw_points(axes: Axes, points: Sequence[MapPoint], colors: Mapping[str, str]) -> None:
-    for point in points:
-        axes.plot(point.x, point.y, MARKERS[point.state], color=colors[point.state], markeredgecolor=INK, markersize=8, zorder=5)
-        if point.label:
-            axes.annotate(point.label, (point.x, point.y), (7, 5), textcoords="offset points", fontsize=8.5, color=INK, zorder=6)
 
 
 def _pale(color: str) -> tuple[float, float, float]:

@@ -15,8 +15,7 @@ from typing import NamedTuple
 
 from thirdbody.plugin import helper
 
-SPARE = 10
-"""Nodes of the array that a field at rest leaves free: a step may add some before it removes others again."""
+SPARE = 10  # nodes of the array that a field at rest leaves free: a step may add some before it removes others again
 COLLINEAR = 1e-12
 """Largest difference of slopes, over the larger of the two, of pieces that count as one; otherwise smooth loading at one rate
 would add a piece per step. It bounds the error of all merging together, however small the steps: 1e-12 of the field."""
@@ -26,16 +25,8 @@ CURVED = 1e-3
 ones is removed last."""
 ROTATION_TOLERANCE = 1e-10
 """Permitted error of the force over mu N from neglecting the rotation of springs in a sliding piece in a step."""
-ALIGNED = 1e-7
+ALIGNED = 1e-7  # its square is below rounding
 GAUSS = ((0.5 - math.sqrt(0.15), 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.5 + math.sqrt(0.15), 5.0 / 18.0))
-
-
-class Node(NamedTuple):
-    """A node of a field: position and vector there."""
-
-    q: float
-    x: float
-    y: float
 
 
 class FieldStep(NamedTuple):
@@ -130,14 +121,6 @@ def release_energy(w, j):
 
 
 @helper
-def drop(w, n, j):
-    """Remove the node at w[j]; return the new number of nodes."""
-    for i in range(j, 3 * n - 3):
-        w[i] = w[i + 3]
-    return n - 1
-
-
-@helper
 def thin(w, n):
     """Drop the node whose loss changes the field least; return the new number of nodes.
 
@@ -157,7 +140,9 @@ def thin(w, n):
         if cost < minimum:
             best, minimum = j, cost
     lost = release_energy(w, best)
-    n = drop(w, n, best)
+    n -= 1
+    for i in range(best, 3 * n):
+        w[i] = w[i + 3]
     if lost < 0.0:
         shrink = max(0.0, 1.0 + lost / max(field_energy(w, n, 0.0), 1e-300))
         for i in range(0, 3 * n, 3):
@@ -251,35 +236,22 @@ def span(new, n, a, b, step):
         if first < 0.0 and b_out:
             return slide(new, n, a, b, step)
         first = first if first >= 0.0 else 1.0
-        n, loss, rotates = slide(new, n, a, Node(q_a + first * dq, ax + first * dx, ay + first * dy), step)
+        n, loss, rotates = slide(new, n, a, (q_a + first * dq, ax + first * dx, ay + first * dy), step)
         if not b_out:
             return push_piece(new, n, q_b, bx, by), loss, rotates
     t = max(crossing(ax, ay, b_a, bx, by, b_b, 1.0), first)  # none: lost by rounding at the inner end
     # the trial itself, not k (d - q), which has no significant digits for huge friction
     q, x, y = q_a + t * dq, ax + t * dx, ay + t * dy
     n = push_piece(new, n, q, x, y)
-    n, more, again = slide(new, n, Node(q, x, y), b, step)
+    n, more, again = slide(new, n, (q, x, y), b, step)
     return n, loss + more, rotates or again
-
-
-@helper
-def is_straight(w, n, k, d):
-    """Return whether all springs are at the bound and parallel up to ALIGNED, whose square is below rounding."""
-    size = max(math.sqrt(w[1] * w[1] + w[2] * w[2]), 1e-300)
-    e_x, e_y = w[1] / size, w[2] / size
-    for i in range(0, 3 * n - 3, 3):
-        bound = k * (d - w[i])
-        along, across = w[i + 1] * e_x + w[i + 2] * e_y, w[i + 2] * e_x - w[i + 1] * e_y
-        if abs(across) > ALIGNED * bound or along < bound * (1.0 - 1e-13):
-            return False
-    return True
 
 
 @helper
 def advance_field(w, n, new, step):
     """Compute the field `new` after one step from (w, n).
 
-    (w, n) may have been carried beyond the old overlap by rolling (`exact_rolling`). Returns (nodes, slip of the centre, loss/(2
+    (w, n) may have been carried beyond the old overlap by rolling (`exact_springs`). Returns (nodes, slip of the centre, loss/(2
     G*), nodes dropped for lack of space, whether sliding springs turn). In the last case the result is not a field: see
     `exact_springs`. `step`: a `FieldStep`. Every spring receives the fraction of the slip during which it touched, then returns
     radially onto |w| <= k (d - q). In one direction this is exact for a straight path of overlap and slip of any length. Source:
@@ -302,19 +274,26 @@ def advance_field(w, n, new, step):
         if q_b >= d:
             part = (d - q) / max(q_b - q, 1e-300)
             q_b, bx, by = d, x + part * (bx - x), y + part * (by - y)
-        count, lost, rotated = span(new, count, Node(q, x, y), Node(q_b, bx, by), step)
+        count, lost, rotated = span(new, count, (q, x, y), (q_b, bx, by), step)
         loss, rotates = loss + lost, rotates or rotated
         q, x, y = q_b, bx, by
         if q >= d or rotates:
             break
     if q < d and not rotates:
-        count, lost, rotated = span(new, count, Node(q, x, y), Node(d, 0.0, 0.0), step)
+        count, lost, rotated = span(new, count, (q, x, y), (d, 0.0, 0.0), step)
         loss, rotates = loss + lost, rotates or rotated
     last = 3 * count - 3
     new[last], new[last + 1], new[last + 2] = d, 0.0, 0.0
-    if excess > 0.0 and count > 2 and is_straight(new, count, k, d):
-        new[3], new[4], new[5] = d, 0.0, 0.0
-        count = 2
+    if excess > 0.0 and count > 2:  # one line, if all springs are at the bound and parallel up to `ALIGNED`
+        size, straight = max(math.sqrt(new[1] * new[1] + new[2] * new[2]), 1e-300), True
+        e_x, e_y = new[1] / size, new[2] / size
+        for i in range(0, last, 3):
+            bound = k * (d - new[i])
+            along, across = new[i + 1] * e_x + new[i + 2] * e_y, new[i + 2] * e_x - new[i + 1] * e_y
+            straight = straight and not (abs(across) > ALIGNED * bound or along < bound * (1.0 - 1e-13))
+        if straight:
+            new[3], new[4], new[5] = d, 0.0, 0.0
+            count = 2
     dropped = 0
     while count > len(new) // 3 - SPARE:
         count = thin(new, count)

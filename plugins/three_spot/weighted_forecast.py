@@ -9,7 +9,11 @@ inside its cones. Cones are inscribed pyramids of `EDGES` edges, one of them alo
 Sides are (n, 2) arrays: x, y of the loaded spots from the centre of mass [m]. `heights`: of the upper and the lower spots above
 the centre of mass [m]. `wrench` (6,): body force [N] and its moment about the centre of mass [N m]. `load`: normal force of the
 upper side [N]. `frictions`: upper, lower. A "scale" s multiplies both frictions. Verified against `tests/friction_cones.py`.
-"""
+
+The programmes, min c x with A x = b, x >= 0, are small and dense, solved by the simplex method in two phases: scipy's solver
+takes milliseconds a call and cannot be called from the labels' kernel; `tests/friction_cones.py` verifies this one with it.
+Columns enter by the most negative reduced cost, after `QUICK` pivots by the lowest index (R. G. Bland 1977), which cannot cycle.
+Entries are expected to be of order 1. Plain loops, since slices and array expressions take seconds to compile."""
 
 import math
 
@@ -18,8 +22,6 @@ from numpy.typing import NDArray
 
 from thirdbody.plugin import helper
 
-from .linear_program import find_feasible, minimise
-
 Array = NDArray[np.float64]
 Pair = tuple[float, float]
 
@@ -27,6 +29,108 @@ EDGES = 64
 RESIDUAL = 1e-8  # unbalanced force over the load, unbalanced moment over load times size
 LARGEST = 1e3  # friction scale beyond which a wrench counts as out of reach
 ACCURACY = 1e-4  # of the required scale, relative
+
+TOLERANCE = 1e-9  # reduced costs and pivots that count as zero
+REDUNDANT = 1e-7  # largest entry of a redundant row after elimination
+QUICK, MAX_PIVOTS = 200, 2000
+
+
+@helper
+def pivot(tableau: Array, basis: Array, row: int, column: int) -> None:
+    """Bring `column` into the basis at `row`: Gauss-Jordan elimination over all rows of the tableau."""
+    size = tableau.shape[1]
+    factor = 1.0 / tableau[row, column]
+    for j in range(size):
+        tableau[row, j] *= factor
+    for i in range(tableau.shape[0]):
+        factor = tableau[i, column]
+        if i != row and factor != 0.0:
+            for j in range(size):
+                tableau[i, j] -= factor * tableau[row, j]
+    basis[row] = column
+
+
+@helper
+def optimise(tableau: Array, basis: Array) -> bool:
+    """Pivot until no reduced cost in the last row is negative; return False if the objective is unbounded."""
+    last, n = tableau.shape[0] - 1, tableau.shape[1] - 1
+    for count in range(MAX_PIVOTS):
+        column, lowest = -1, -TOLERANCE
+        for j in range(n):
+            if tableau[last, j] < lowest:
+                column, lowest = j, tableau[last, j]
+                if count >= QUICK:
+                    break
+        if column < 0:
+            return True
+        row, minimum = -1, math.inf  # that limits the column, the lowest basis index among equals
+        for i in range(last):
+            if tableau[i, column] > TOLERANCE:
+                ratio = max(tableau[i, n], 0.0) / tableau[i, column]
+                if ratio < minimum or (ratio == minimum and basis[i] < basis[row]):
+                    row, minimum = i, ratio
+        if row < 0:
+            return False
+        pivot(tableau, basis, row, column)
+    return True
+
+
+@helper
+def find_feasible(tableau: Array, basis: Array, residual: float) -> bool:
+    """Phase one: return whether A x = b has a solution x >= 0, up to a sum of |A x - b| of at most `residual`.
+
+    `tableau` (m + 1, n + 1) holds A in its first rows and b in its last column; on return it is at a solution, its last row for
+    reduced costs. `basis` (m,) is written: column of each row; n and above mean a redundant row.
+    """
+    m, n = tableau.shape[0] - 1, tableau.shape[1] - 1
+    for j in range(n + 1):
+        tableau[m, j] = 0.0
+    for i in range(m):
+        basis[i] = n + i
+        sign = -1.0 if tableau[i, n] < 0.0 else 1.0
+        for j in range(n + 1):
+            tableau[i, j] *= sign
+            tableau[m, j] -= tableau[i, j]
+    optimise(tableau, basis)
+    if -tableau[m, n] > residual:
+        return False
+    for i in range(m):  # artificial variables, all zero, leave; a row without a sizeable entry is redundant and becomes empty
+        if basis[i] < n:
+            continue
+        tableau[i, n] = 0.0
+        column = i  # any column
+        for j in range(n):
+            if abs(tableau[i, j]) > abs(tableau[i, column]):
+                column = j
+        if abs(tableau[i, column]) > REDUNDANT:
+            pivot(tableau, basis, i, column)
+        else:
+            for j in range(n):
+                tableau[i, j] = 0.0
+    return True
+
+
+@helper
+def minimise(tableau: Array, basis: Array, sign: float) -> float:
+    """Minimum of `sign` (x[0] - x[1]), a free variable, from a feasible tableau; -inf if unbounded.
+
+    On return the tableau is at the optimum.
+    """
+    m, n = tableau.shape[0] - 1, tableau.shape[1] - 1
+    for j in range(n + 1):
+        tableau[m, j] = 0.0
+    tableau[m, 0], tableau[m, 1] = sign, -sign
+    for i in range(m):
+        if basis[i] <= 1:
+            factor = sign if basis[i] == 0 else -sign
+            for j in range(n + 1):
+                tableau[m, j] -= factor * tableau[i, j]
+    if not optimise(tableau, basis):
+        return -math.inf
+    return -tableau[m, n]
+
+
+# -- forecasts
 
 
 @helper

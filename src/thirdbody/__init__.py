@@ -14,25 +14,23 @@ from typing import TYPE_CHECKING, Any
 from thirdbody import errors
 
 if TYPE_CHECKING:
+    from thirdbody.api import Run, resume, run
+    from thirdbody.api import open_run as open
     from thirdbody.report.scene_check import check
-    from thirdbody.runner.resume import resume
-    from thirdbody.runner.simulate import run
     from thirdbody.scene.model import Scene
-    from thirdbody.studies.sweep import Sweep, sweep
-    from thirdbody.trajectory.reader import Run
-    from thirdbody.trajectory.reader import open_run as open
+    from thirdbody.sweeps import Sweep, sweep
 
 __all__ = ["Run", "Scene", "Sweep", "check", "errors", "open", "resume", "run", "sweep"]
 
 _MODULES = {
     "Scene": ("scene.model", "Scene"),
-    "Run": ("trajectory.reader", "Run"),
-    "open": ("trajectory.reader", "open_run"),
+    "Run": ("api", "Run"),
+    "open": ("api", "open_run"),
     "check": ("report.scene_check", "check"),
-    "resume": ("runner.resume", "resume"),
-    "run": ("runner.simulate", "run"),
-    "Sweep": ("studies.sweep", "Sweep"),
-    "sweep": ("studies.sweep", "sweep"),
+    "resume": ("api", "resume"),
+    "run": ("api", "run"),
+    "Sweep": ("sweeps", "Sweep"),
+    "sweep": ("sweeps", "sweep"),
 }
 
 FUNCTION_GROUP = "thirdbody.functions"

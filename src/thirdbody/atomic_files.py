@@ -28,12 +28,13 @@ def _refuse_other_files(folder: Path, ours: Collection[str], named: Path) -> Non
     """Raise OutputError, with the name `named`, for a folder that contains other files or folders, or links."""
     ours_folders, others = {pattern.rpartition("/")[0] for pattern in ours}, []
     for above, folders, files in os.walk(folder):
-        paths = {Path(above, name).relative_to(folder).as_posix(): name for name in [*folders, *files]}
-        for path, name in paths.items():
+        inside = Path(above).relative_to(folder)
+        for name in [*folders, *files]:
+            path = (inside / name).as_posix()
             known = path in ours_folders if name in folders else any(fnmatchcase(path, pattern) for pattern in ours)
             if not known or os.path.islink(folder / path):
                 others.append(path)
-        folders[:] = [name for name in folders if Path(above, name).relative_to(folder).as_posix() in ours_folders]
+        folders[:] = [name for name in folders if (inside / name).as_posix() in ours_folders]
     if others:
         raise OutputError(f"{named}: holds other files ({', '.join(sorted(others)[:3])}) and will not be overwritten")
 
@@ -47,44 +48,31 @@ def new_folder(path: Path, overwrite: bool, ours: Collection[str]) -> Iterator[P
     refuse_existing_folder(path, overwrite, ours)
     part = _beside(path, "part")
     try:
-        with _write_error(path):
-            part.mkdir()
-            yield part
-            _move_into_folder(part, path, ours)
+        part.mkdir()
+        yield part
+        if not os.path.lexists(path):
+            part.rename(path)
+            return
+        old = _beside(path, "old")
+        path.rename(old)
+        try:
+            _refuse_other_files(old, ours, path)  # they may have appeared since the first check
+            part.rename(path)
+        except (OSError, OutputError):
+            old.rename(path)
+            raise
+        shutil.rmtree(old, ignore_errors=True)
+    except OSError as error:
+        reason = os.strerror(error.errno) if error.errno else str(error)
+        raise OutputError(f"{path}: cannot be written ({reason}); nothing was changed there") from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
-
-
-def _move_into_folder(part: Path, path: Path, ours: Collection[str]) -> None:
-    """Rename the new folder to `path`; an old one is moved aside first and deleted afterwards."""
-    if not os.path.lexists(path):
-        part.rename(path)
-        return
-    old = _beside(path, "old")
-    path.rename(old)
-    try:
-        _refuse_other_files(old, ours, path)  # they may have appeared since the first check
-        part.rename(path)
-    except (OSError, OutputError):
-        old.rename(path)
-        raise
-    shutil.rmtree(old, ignore_errors=True)
 
 
 def _beside(path: Path, suffix: str) -> Path:
     """Return a name for this process in the folder of `path`; the suffix comes last, so that no reader opens it as a result."""
     full = Path(os.path.abspath(path))  # `.` has no name
     return full.with_name(f".{full.name}.{os.getpid()}.{suffix}")
-
-
-@contextmanager
-def _write_error(path: Path) -> Iterator[None]:
-    """Convert any error of the system while writing into one OutputError."""
-    try:
-        yield
-    except OSError as error:
-        reason = os.strerror(error.errno) if error.errno else str(error)
-        raise OutputError(f"{path}: cannot be written ({reason}); nothing was changed there") from error
 
 
 def write_whole(path: Path, content: bytes) -> None:

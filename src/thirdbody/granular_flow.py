@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from thirdbody.quantity import quantity_text
+from thirdbody.units import quantity_text
 
 LAYERS = 3.0
 """Height over the median diameter from which debris is a bed with an inside, not a layer or two."""

@@ -4,6 +4,7 @@ The state colours are distinguishable under protanopia, deuteranopia and tritano
 """
 
 from collections.abc import Sequence
+from itertools import cycle
 
 import numpy as np
 
@@ -21,15 +22,9 @@ CATEGORY_COLORS = ("#BBBBBB", "#CC6677", "#332288", "#DDCC77", "#117733", "#88CC
 
 # For lines other than states: distinct for every kind of colour vision (M. Okabe, K. Ito, 2008).
 LINE_COLORS = {
-    "black": "#000000",
-    "orange": "#E69F00",
-    "sky": "#56B4E9",
-    "green": "#009E73",
-    "blue": "#0072B2",
-    "vermilion": "#D55E00",
-    "purple": "#CC79A7",
-    "grey": "#6B6F76",
-}
+    "black": "#000000", "orange": "#E69F00", "sky": "#56B4E9", "green": "#009E73", "blue": "#0072B2", "vermilion": "#D55E00",
+    "purple": "#CC79A7", "grey": "#6B6F76",
+}  # fmt: skip
 
 # Viridis (S. van der Walt, N. Smith, 2015) at nine equal steps; linear interpolation differs by at most 2 of 255.
 FIELD_STOPS = ("#440154", "#472D7B", "#3B528B", "#2C728E", "#21918C", "#28AE80", "#5EC962", "#ADDC30", "#FDE725")
@@ -42,15 +37,8 @@ def rgb(color: str) -> tuple[int, int, int]:
 
 def state_colors(names: Sequence[str]) -> list[str]:
     """Return one colour `#RRGGBB` per state name; unknown names get spare colours in turn."""
-    spare = 0
-    colors = []
-    for name in names:
-        if name not in STATE_COLORS:
-            colors.append(SPARE_COLORS[spare % len(SPARE_COLORS)])
-            spare += 1
-        else:
-            colors.append(STATE_COLORS[name])
-    return colors
+    spare = cycle(SPARE_COLORS)
+    return [STATE_COLORS[name] if name in STATE_COLORS else next(spare) for name in names]
 
 
 def category_colors(count: int) -> list[str]:

@@ -18,8 +18,9 @@ global that is changed after the kernel was compiled: numba has compiled its val
 """
 
 from thirdbody.bodies.clump import Clump, clump, clump_with_frame, matrix_from_quaternion
+from thirdbody.debris.contract import DebrisKind, PlacedClumps, PlacedDebris, PopulationContext, RandomStreams
 from thirdbody.errors import Fault, InputError, OutputError, UsageError, nearest
-from thirdbody.jit.memory import stack_array
+from thirdbody.jit.arguments import stack_array
 from thirdbody.kernels.arguments import ContactStep
 from thirdbody.kernels.table import Table, number, skip, vector
 from thirdbody.kernels.tables import CAN_SLIDE, CAN_STICK, DEBRIS, LOWER, NO_FORECAST, UPPER, loaded_contact, observed_body
@@ -43,12 +44,10 @@ from thirdbody.laws.friction import COULOMB, MINDLIN
 from thirdbody.laws.hertz import HERTZ, dundurs_beta, e_star, g_star, yield_limit
 from thirdbody.laws.measures import Amount, Measure
 from thirdbody.laws.renewal import RENEWAL, Renewal, moved_ground, renewal_rate, renewed
-from thirdbody.scene.debris.contract import DebrisKind, PlacedDebris
-from thirdbody.scene.debris.population import PlacedClumps, PopulationContext, RandomStreams
-from thirdbody.scene.field_types import Choice, PositiveLength, Quantity, Whole, listing
-from thirdbody.scene.read import read_text, read_toml
-from thirdbody.scene.schema_base import Part, Wrong, one_of, wrongs_of
-from thirdbody.scene.size_distributions import Size
+from thirdbody.schema.fields import Choice, PositiveLength, Quantity, Whole, listing
+from thirdbody.schema.parts import Part, Wrong, one_of, wrongs_of
+from thirdbody.schema.read import read_text, read_toml
+from thirdbody.schema.sizes import Size
 from thirdbody.statics.contacts import Contacts
 from thirdbody.statics.labels import StaticLabels
 from thirdbody.statics.seat import from_first_touch, in_present_posture, relax, seat
@@ -56,94 +55,14 @@ from thirdbody.statics.solver import Balance, Grip, NoStaticState, QuasiStatic
 from thirdbody.units import pretty
 
 __all__ = [
-    "CAN_SLIDE",
-    "CAN_STICK",
-    "COULOMB",
-    "DEBRIS",
-    "HERTZ",
-    "HERTZ_DAMPING",
-    "LOWER",
-    "MINDLIN",
-    "RENEWAL",
-    "TANGENTIAL_DAMPING",
-    "UPPER",
-    "Adhesion",
-    "Amount",
-    "Balance",
-    "Body",
-    "BodyEffect",
-    "Choice",
-    "Clump",
-    "Contact",
-    "ContactStep",
-    "Contacts",
-    "DebrisKind",
-    "Fault",
-    "Grip",
-    "InputError",
-    "Labeller",
-    "Law",
-    "LawFamily",
-    "Load",
-    "Material",
-    "Measure",
-    "NO_FORECAST",
-    "NoStaticState",
-    "Normal",
-    "Option",
-    "Options",
-    "OutputError",
-    "Pair",
-    "Part",
-    "PlacedClumps",
-    "PlacedDebris",
-    "Plugin",
-    "PopulationContext",
-    "PositiveLength",
-    "Quantity",
-    "QuasiStatic",
-    "RandomStreams",
-    "Renewal",
-    "Rolling",
-    "Size",
-    "SpotInteraction",
-    "StaticLabels",
-    "Table",
-    "Tangential",
-    "Turn",
-    "Twist",
-    "Twisting",
-    "UsageError",
-    "Whole",
-    "Wrench",
-    "Wrong",
-    "clump",
-    "clump_with_frame",
-    "dundurs_beta",
-    "e_star",
-    "moved_ground",
-    "from_first_touch",
-    "g_star",
-    "helper",
-    "in_present_posture",
-    "kernel",
-    "listing",
-    "loaded_contact",
-    "observed_body",
-    "matrix_from_quaternion",
-    "nearest",
-    "number",
-    "one_of",
-    "pretty",
-    "read_text",
-    "read_toml",
-    "relax",
-    "renewal_rate",
-    "renewed",
-    "seat",
-    "skip",
-    "stack_array",
-    "vector",
-    "wrongs_of",
-    "yield_limit",
-]
+    "CAN_SLIDE", "CAN_STICK", "COULOMB", "DEBRIS", "HERTZ", "HERTZ_DAMPING", "LOWER", "MINDLIN", "NO_FORECAST", "RENEWAL",
+    "TANGENTIAL_DAMPING", "UPPER", "Adhesion", "Amount", "Balance", "Body", "BodyEffect", "Choice", "Clump", "Contact",
+    "ContactStep", "Contacts", "DebrisKind", "Fault", "Grip", "InputError", "Labeller", "Law", "LawFamily", "Load", "Material",
+    "Measure", "NoStaticState", "Normal", "Option", "Options", "OutputError", "Pair", "Part", "PlacedClumps", "PlacedDebris",
+    "Plugin", "PopulationContext", "PositiveLength", "Quantity", "QuasiStatic", "RandomStreams", "Renewal", "Rolling", "Size",
+    "SpotInteraction", "StaticLabels", "Table", "Tangential", "Turn", "Twist", "Twisting", "UsageError", "Whole", "Wrench",
+    "Wrong", "clump", "clump_with_frame", "dundurs_beta", "e_star", "from_first_touch", "g_star", "helper", "in_present_posture",
+    "kernel", "listing", "loaded_contact", "matrix_from_quaternion", "moved_ground", "nearest", "number", "observed_body",
+    "one_of", "pretty", "read_text", "read_toml", "relax", "renewal_rate", "renewed", "seat", "skip", "stack_array", "vector",
+    "wrongs_of", "yield_limit",
+]  # fmt: skip

@@ -24,7 +24,7 @@ from machine import machine, screen
 import thirdbody
 from thirdbody.engine import meeting
 from thirdbody.errors import ThirdbodyError
-from thirdbody.kernels.implicit.tables import step_memory
+from thirdbody.kernels.step_tables import step_memory
 from thirdbody.kernels.tables import run_totals
 from thirdbody.runner.simulate import prepare, set_threads
 

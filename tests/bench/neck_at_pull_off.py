@@ -2,8 +2,7 @@
 
 from dataclasses import replace
 
-from thirdbody_effects.adhesion import JKR, jkr, jkr_tangent
-from thirdbody_effects.jkr import cube_root
+from thirdbody_effects.adhesion import JKR, cube_root, jkr, jkr_tangent
 
 from thirdbody.plugin import Plugin, helper, kernel
 

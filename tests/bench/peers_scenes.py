@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from thirdbody.assembly import simulation as building
 from thirdbody.assembly.simulation import Simulation
 from thirdbody.bodies.clump import Clump
-from thirdbody.engine.energy import Ledger
+from thirdbody.engine.guards import Ledger
 from thirdbody.engine.placed import Placed
 from thirdbody.engine.units import EXPLICIT, warm_up
 from thirdbody.laws.registry import CATALOGUE, Registry

@@ -28,13 +28,12 @@ import statistics
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from ensemble import EXPLICIT, PATH, Case, scene_of, time_explicit, time_implicit, warm_up
 from machine import head, machine, screen
 from rich.console import Console
 from rich.table import Table
 
-from thirdbody.engine.state import rayleigh_time
+from thirdbody.engine.state import rayleigh_times
 from thirdbody.runner.simulate import prepare
 
 SPEEDS = [1.0, 10e-3, 1e-3]
@@ -114,8 +113,8 @@ def ensemble_of(bodies: int) -> dict[str, float]:
     """Spheres per particle of the ensemble and the Rayleigh time of its smallest sphere, s."""
     simulation = prepare(scene_of(Case("implicit", "mindlin", 1.0, bodies)))
     state, materials = simulation.state, simulation.choice.materials
-    unit = np.array([rayleigh_time(1.0, material) for material in materials])[state.material[state.body]]
-    smallest = float((unit * state.spheres.radius).min())
+    per_radius = (rayleigh_times(state, materials) / state.rayleigh_radius)[state.body]
+    smallest = float((per_radius * state.spheres.radius).min())
     return {"bodies": bodies, "spheres_per_particle": state.n_spheres / bodies, "rayleigh_of_smallest_sphere": smallest}
 
 

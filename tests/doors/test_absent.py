@@ -14,7 +14,7 @@ import pytest
 from balls import BALLS, edited
 
 from thirdbody.assembly.simulation import build
-from thirdbody.engine.energy import Ledger
+from thirdbody.engine.guards import Ledger
 from thirdbody.engine.snapshot import snapshot
 from thirdbody.kernels.tables import contact_state
 from thirdbody.laws.contract import BodyEffect, Law

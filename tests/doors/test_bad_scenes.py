@@ -23,40 +23,28 @@ def solver(text):
     return 'settle = "1 us"', text
 
 
-# what is spoilt; where the fault stands (line:column: key); words that the message must hold
+# what is spoilt; where the fault stands (line:column: key); words that the message must hold (more: `unit/test_scene_faults.py`)
 FAULTS = [
     # keys at several levels, with the nearest name
-    (("title", "titel"), "1:1: titel", "did you mean 'title'"),
     (("density", "densty"), "6:1: materials.steel.densty", "did you mean 'density'"),
     (("load =", "laod ="), "24:1: plates.upper.laod", "did you mean 'load'"),
     (("radius", "raduis"), "14:1: debris[0].raduis", "did you mean 'radius'"),
-    (("velocity", "velosity"), "26:16: plates.upper.motion.x.velosity", "'velocity'"),
     (("[solver]", "[slover]"), "27:1: slover", "did you mean 'solver'"),
     # values
-    (('"5 um"', '"5 N"'), "14:1: debris[0].radius", "'5 N' is a force, expected a length"),
-    (('"5 um"', '"5 mu"'), "14:1: debris[0].radius", "unknown unit 'mu'"),
     (('"0.1 mN"', "0.0001"), "24:1: plates.upper.load", "0.0001 has no unit", "force (pN, nN,"),
-    (('"5 um"', '"-5 um"'), "14:1: debris[0].radius", "'-5 um' must be greater than 0"),
-    (("friction = 0.30", "friction = nan"), "9:1: pairs[0].friction", "nan", "finite"),
     (('"5 um"', '"nan um"'), "14:1: debris[0].radius", "nan"),
-    (("0.60", "1.60"), "10:1: pairs[0].restitution", "1.6", "at most 1"),
     (("count = 4", "count = 0"), "15:1: debris[0].count", "0 must be at least 1"),
     (("[[debris]]", "[[effects.x]]"), "1:1: debris", "at least one [[debris]] table is needed"),
     # names of materials
     ([("[[pairs]]", OTHER), (LOWER, LOWER.replace("steel", "glass"))], "11:1: pairs", "no pair for 'steel' and 'glass'",
      "debris[0] and plates.lower", "add a [[pairs]] table"),
-    ((LOWER, LOWER.replace("steel", "stel")), "20:1: plates.lower.material", "unknown material 'stel', did you mean 'steel'"),
     # keys that exclude each other or need others
-    (('load = "0.1 mN"', 'load = "0.1 mN"\ngap = "9 um"'), "25:1: plates.upper.gap", "only one"),
-    ((f"{LOWER}\n", ""), "19:1: plates.upper", "[plates.lower]"),
-    (('"load_per_particle"', '"foundation"'), "21:1: plates.upper.stiffness", "missing", "1e4 N/m"),
     (('{velocity = "0.5 m/s"}', '{stroke = "1 um"}'), "26:11: plates.upper.motion.x.frequency", "missing"),
     # words of a list
     (solver('integrator = "verlet"'), "29:1: solver.integrator", "'explicit'", "'implicit'"),
     (solver("rate_test = 3"), "29:1: solver.rate_test", "thirdbody cost SCENE", "mu_of_inertia"),
     (solver('initial_overlap = "relaxed"'), "29:1: solver.initial_overlap", "'refuse', 'relax'"),
     (('"spheres"', '"heaps"'), "13:1: debris[0].kind", "is not one of", "'spheres'", "'spots'", "'file'"),
-    (("seed = 1", 'placement = "heap"'), "16:1: debris[0].placement", "'layer'", "'dense'"),
     # names of laws, levels, effects and their options
     (above("[contact]\nsprings = 32"), "28:1: contact.springs", "belongs to", "mdr"),
     (above('[contact]\nlevel = "mdr"\nsprings = 32.5'), "27:1: contact.law", "springs = 32.5 must be a whole number"),

@@ -15,16 +15,16 @@ from each import each
 from steel import scene_text
 
 import thirdbody
+from thirdbody.debris import registry as kinds_registry
+from thirdbody.debris.registry import GROUP, built_in
 from thirdbody.errors import InputError
-from thirdbody.scene.debris import registry as kinds_registry
-from thirdbody.scene.debris.registry import GROUP, built_in
 from thirdbody.scene.model import Scene
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "plugins" / "README.md").read_text(encoding="utf-8")
 SOURCE = ROOT / "src" / "thirdbody"
-KINDS = SOURCE / "scene" / "debris" / "kinds"
-OTHERS = sorted(path for path in SOURCE.rglob("*.py") if KINDS not in path.parents)
+KINDS = {path for path in (SOURCE / "debris").glob("*.py") if path.stem not in ("__init__", "contract", "registry")}
+OTHERS = sorted({*SOURCE.rglob("*.py")} - KINDS)
 CLASSES, NAMES = {kind.__name__ for kind in built_in().values()}, set(built_in())
 
 
@@ -57,7 +57,7 @@ def test_such_questions_are_found():
     ladder = "if isinstance(debris, model.Spots): pass\nif d.kind == 'file': pass\nif get(d, 'kind') != 'mesh': pass\n"
     assert [line.split(":")[0] for line in questions(ladder)] == ["line 1", "line 2", "line 3"]
     assert not questions("isinstance(debris, DebrisKind) and plan.kind == 'implicit'")
-    assert {path.stem for path in KINDS.glob("*.py")} - {"__init__"} == built_in().keys()
+    assert {path.stem for path in KINDS} == built_in().keys()
 
 
 # A kind of a third party, that of the page on plug-ins

@@ -18,9 +18,8 @@ from thirdbody import errors, plugin
 from thirdbody.engine.accuracy import Accuracy
 from thirdbody.laws.registry import discover
 from thirdbody.report.key_reference import all_keys, all_names
-from thirdbody.scene.json_schema import key_docs
 from thirdbody.scene.model import Scene
-from thirdbody.scene.schema_base import Part
+from thirdbody.schema.parts import Part, key_docs
 from thirdbody.studies.axes import IntervalTable
 
 TABLES = {

@@ -20,8 +20,8 @@ from PIL import Image
 from thirdbody.assembly.physics import law_faults
 from thirdbody.errors import InputError
 from thirdbody.laws.registry import discover
+from thirdbody.scene.keys import TEMPLATE
 from thirdbody.scene.model import Scene
-from thirdbody.scene.template import TEMPLATE
 from thirdbody.studies.sweep import plan_of_path
 
 PAGES = [Page(path) for path in pages()]

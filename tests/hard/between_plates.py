@@ -7,8 +7,8 @@ from hard.trial import BOX, LOAD, MICRON, SPEED, TRIPOD, CaseRun, Trial, clump, 
 from theory.builders import solid
 
 from thirdbody.kernels.tables import run_totals
-from thirdbody.scene.load_history import Load
 from thirdbody.scene.model import ConstantVelocity, Motion, Pause, Spot, Spots
+from thirdbody.scene.motion import Load
 
 STOPS = every(5e-8, 10)
 """Stops of the drag [m]."""

@@ -9,8 +9,8 @@ from theory.builders import STEEL, ball
 
 from thirdbody.kernels.tables import body, record
 from thirdbody.laws.hertz import FIRST_YIELD, yield_speed
-from thirdbody.scene.load_history import Load
 from thirdbody.scene.model import Effects, Material, Motion, Pause, UpperPlate
+from thirdbody.scene.motion import Load
 
 FLOWS, PIVOTS, INTERACT = (Effects(named={name: {}}) for name in ("elastic_plastic", "pivoting", "close_spots"))
 SOFT = Material(youngs_modulus=210e9, poisson_ratio=0.3, density=7850.0, yield_strength=2e8)

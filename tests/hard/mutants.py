@@ -9,7 +9,7 @@ from random import Random
 from typing import Any
 
 from thirdbody.errors import Fault
-from thirdbody.scene.toml_writer import toml_text
+from thirdbody.schema.write import toml_text
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = sorted(path for path in (ROOT / "scenes").glob("*.toml"))

@@ -6,11 +6,11 @@ from pathlib import Path
 import closed_forms
 import numpy as np
 import pytest
+import three_spot_theory as theory
 from each import each
 from hard.free_bodies import turned_pair
 from slow import slow
 from theory import builders as make
-from thirdbody_three_spot import theory
 
 from thirdbody.assembly.simulation import build
 from thirdbody.errors import GuardStop

@@ -18,7 +18,7 @@ from hard import mutants as M
 from thirdbody.errors import InputError
 from thirdbody.runner.simulate import default_folder, prepare
 from thirdbody.scene.model import Scene
-from thirdbody.scene.read import MAX_BYTES
+from thirdbody.schema.read import MAX_BYTES
 
 SECONDS = 90  # of the processor, with what a mutant may have to compile
 PATIENCE = 600  # s on the clock, for what waits without working

@@ -10,7 +10,7 @@ from hard.trial import TRIPOD
 from slow import slow
 from theory import builders as make
 
-from thirdbody.engine.energy import Ledger
+from thirdbody.engine.guards import Ledger
 from thirdbody.kernels.tables import body, run_totals
 from thirdbody.scene.model import ConstantVelocity, Effects, Motion, Pause, Ramp, Stroke
 

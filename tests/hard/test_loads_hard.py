@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from theory import builders as make
 
-from thirdbody.engine.energy import Ledger
+from thirdbody.engine.guards import Ledger
 from thirdbody.errors import InputError
 from thirdbody.kernels.tables import run_totals
-from thirdbody.scene.load_history import Load
 from thirdbody.scene.model import ConstantVelocity, Motion, Pause
+from thirdbody.scene.motion import Load
 
 FIRST, LAST, MU = 1e-5, 1e-1, 0.3
 LOADING = [Pause(pause=3e-7), Load(load=0.0), Pause(pause=2e-7), Load(load=FIRST), Pause(pause=5e-7), Load(load=LAST)]

@@ -16,7 +16,7 @@ from thirdbody.errors import GuardStop, InputError, Interrupted
 from thirdbody.runner.run_loop import WallTimes
 from thirdbody.runner.simulate import execute, prepare
 from thirdbody.scene.model import Scene
-from thirdbody.scene.toml_writer import toml_text
+from thirdbody.schema.write import toml_text
 from thirdbody.trajectory.names import ACCOMMODATION, BED
 
 SCENES = int(os.environ.get("RANDOM_SCENES", "60"))

@@ -10,8 +10,7 @@ from theory import builders
 from theory.builders import LONG, STEEL, ball, stiffened
 
 from thirdbody.assembly.simulation import build
-from thirdbody.engine.energy import Ledger
-from thirdbody.engine.guards import RESIDUAL_GUARD, EnergyGuard
+from thirdbody.engine.guards import RESIDUAL_GUARD, EnergyGuard, Ledger
 from thirdbody.errors import InputError
 from thirdbody.kernels.tables import body_extra, run_totals
 from thirdbody.scene.model import ConstantVelocity, Contact, Motion, Scene, Solver, Spheres, UpperPlate

@@ -16,7 +16,7 @@ from steel import STEEL
 from trajectories import contents
 
 import thirdbody
-from thirdbody.engine.energy import Ledger
+from thirdbody.engine.guards import Ledger
 from thirdbody.engine.snapshot import Snapshot, restore
 from thirdbody.errors import InputError, Interrupted
 from thirdbody.kernels.tables import DEBRIS, body_extra

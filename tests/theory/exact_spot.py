@@ -5,11 +5,10 @@ The kernel is interpreted: a step takes 0.1 to 0.5 ms, and compiling it 17 s.
 
 import closed_forms
 import numpy as np
+import three_spot_theory as theory
 from theory.plain import plain
-from thirdbody_three_spot import theory
-from thirdbody_three_spot.exact import NODES, ExactParameters, curved_tangent, exact, exact_tangent
+from thirdbody_three_spot.exact import NODES, ExactParameters, exact, exact_tangent
 from thirdbody_three_spot.exact_springs import cells_of
-from thirdbody_three_spot.numerical_tangent import central
 from thirdbody_three_spot.spring_field import SPARE
 
 from thirdbody.laws.data import Contact, Load
@@ -21,7 +20,6 @@ KAPPA = MU * E / G
 
 PLAIN = {}
 run_exact = plain(exact, PLAIN)
-PLAIN[curved_tangent.py_func] = plain(central(run_exact), PLAIN)  # the law is in its closure
 run_exact_tangent = plain(exact_tangent, PLAIN)
 
 

@@ -4,8 +4,8 @@ import functools
 
 import closed_forms
 import numpy as np
+import three_spot_theory as theory
 from theory.plain import plain
-from thirdbody_three_spot import theory
 
 from thirdbody.laws.data import Contact, Load
 

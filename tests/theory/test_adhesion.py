@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from thirdbody.assembly import upper_plate
 from thirdbody.assembly.simulation import build
-from thirdbody.engine.energy import Ledger
+from thirdbody.engine.guards import Ledger
 from thirdbody.engine.upper_plate import Schedule, Segment
 from thirdbody.kernels.schedule import TRIANGLE
 from thirdbody.kernels.tables import record

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from thirdbody_three_spot import conditions, theory
+import three_spot_theory as theory
 from thirdbody_three_spot.balance import balance
 
 from thirdbody.errors import InputError, UsageError
@@ -67,7 +67,7 @@ def test_without_friction_the_particle_tilts_as_the_closed_form(level):
     assert (end.w, end.phi) == pytest.approx((w, phi), rel=SOLVED, abs=0.0)
     assert end.T == pytest.approx([0.0] * 3, abs=SOLVED * forces[0])
     for weight in (1e-5, 1e-4):
-        forces = conditions.tilted_normal_forces(X, E1, E2, R, CLOSING, weight)
+        forces = theory.tilted_normal_forces(X, E1, E2, R, CLOSING, weight)
         assert walk(mu=0.0, level=level, weight=weight, drag=0.0).points[0].N == pytest.approx(forces, rel=SOLVED, abs=0.0)
 
 

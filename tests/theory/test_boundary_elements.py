@@ -13,8 +13,9 @@ from collections import namedtuple
 import closed_forms
 import numpy as np
 import pytest
+import three_spot_theory as theory
 from numba import njit
-from thirdbody_three_spot import mdr, theory
+from thirdbody_three_spot import mdr
 
 from thirdbody.kernels.closest_point import effective_radius
 from thirdbody.kernels.height_field import Jet

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import three_spot_theory as theory
 from scipy.optimize import brentq
 from spot_groups import solved
-from thirdbody_three_spot import theory
 
 import thirdbody
 from thirdbody.assembly.simulation import build
-from thirdbody.engine.energy import Ledger
+from thirdbody.engine.guards import Ledger
 from thirdbody.errors import InputError
 from thirdbody.kernels.tables import record
 from thirdbody.scene.model import ConstantVelocity, Effects, Motion, Spheres

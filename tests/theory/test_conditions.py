@@ -6,9 +6,9 @@ import friction_cones as cones
 import hull_conditions as hulls
 import numpy as np
 import pytest
-from thirdbody_three_spot import conditions, theory
-from thirdbody_three_spot.forecast import forecast
-from thirdbody_three_spot.forecast_output import hull_corners
+import three_spot_theory as theory
+from thirdbody_three_spot import conditions
+from thirdbody_three_spot.forecast import forecast, hull_corners
 
 ROUND = {"rel": 1e-13, "abs": 1e-14}  # closed forms of a few operations on numbers of order 1
 SOLVER = 1e-6  # the residual of 1e-8 that counts as balance, times the ratio of arms that occur below
@@ -70,7 +70,7 @@ def test_the_plane_in_numbers():
     assert conditions.planar_interval(upper, lower, h, 0.5) == pytest.approx(((0.2 - 2.25) / 4.0, 3.2 / 4.0), **ROUND)
     # at the ends the lower resultant stands on a spot
     for t, spot in zip(conditions.planar_interval(upper, lower, h, 0.5), (1.5, -2.0), strict=True):
-        assert conditions.lower_resultant(0.2, t, h, 0.5) == pytest.approx(spot, rel=1e-14)
+        assert theory.lower_resultant(0.2, t, h, 0.5) == pytest.approx(spot, rel=1e-14)
     assert conditions.planar_interval((0.2,), (-2.0,), h)[0] == theory.two_spot_friction(0.2, -2.0, h)
     assert (
         conditions.planar_interval(upper, lower, h)
@@ -79,24 +79,24 @@ def test_the_plane_in_numbers():
     )
     # Eq. 20 names the side that slides
     spots = ((0.2,), (-2.0, 1.5), 4.0)
-    assert conditions.sliding_sides(*spots, 0.3, 0.3) == ("upper", "lower")
-    assert conditions.sliding_sides(*spots, 0.3, 0.25) == ("lower",)
-    assert conditions.sliding_sides(*spots, 0.3, 0.25, theory.sliding_weight_ratio(0.3, 0.25)) == ("upper", "lower")
-    assert conditions.sliding_sides(*spots, 0.3, 0.3, 0.01) == ("upper",)  # any weight with equal friction
-    assert conditions.sliding_sides(*spots, 0.56, 0.56) == ()  # t_max = .55
+    assert theory.sliding_sides(*spots, 0.3, 0.3) == ("upper", "lower")
+    assert theory.sliding_sides(*spots, 0.3, 0.25) == ("lower",)
+    assert theory.sliding_sides(*spots, 0.3, 0.25, theory.sliding_weight_ratio(0.3, 0.25)) == ("upper", "lower")
+    assert theory.sliding_sides(*spots, 0.3, 0.3, 0.01) == ("upper",)  # any weight with equal friction
+    assert theory.sliding_sides(*spots, 0.56, 0.56) == ()  # t_max = .55
     # two contacts stick from the friction angle
     alpha = theory.two_spot_friction(0.2, -0.4, 2.0)
     assert conditions.required_scale((0.2,), (-0.4,), 2.0, alpha, alpha) == pytest.approx(1.0, rel=1e-14)
     assert conditions.required_scale((0.2,), (-0.4,), 2.0, 0.0, 1.0) == math.inf
     assert conditions.required_scale((0.2,), (0.2,), 2.0, 0.0, 0.0) == 0.0
     # a steady drag ends sliding or tipping
-    assert conditions.dragged_friction(*spots, 0.3) == (0.3, "sliding")
-    friction, state = conditions.dragged_friction(*spots, 0.9)
+    assert theory.dragged_friction(*spots, 0.3) == (0.3, "sliding")
+    friction, state = theory.dragged_friction(*spots, 0.9)
     assert state == "rolling" and friction == pytest.approx(0.55, rel=1e-14)
     with pytest.raises(ValueError, match="at rest"):
-        conditions.dragged_friction((3.0,), (-2.0, 1.5), 4.0, 0.3)  # t_min = .375
+        theory.dragged_friction((3.0,), (-2.0, 1.5), 4.0, 0.3)  # t_min = .375
     # x_1 = 0, symmetric, tilt free: slides up to mu h = L although Eq. 22 says mu h = 0 without tilt
-    assert conditions.dragged_friction((0.0,), (-1.0, 1.0), 2.0, 0.5) == (0.5, "sliding")
+    assert theory.dragged_friction((0.0,), (-1.0, 1.0), 2.0, 0.5) == (0.5, "sliding")
 
 
 E1, E2 = theory.e_star(80e9, 0.3, 120e9, 0.2), theory.e_star(60e9, 0.35, 120e9, 0.2)
@@ -112,7 +112,7 @@ HEAVY = {
 
 
 def test_normal_forces_with_tilt_and_weight():
-    ours = {weight: conditions.tilted_normal_forces(X, E1, E2, R, CLOSING, weight) for weight in HEAVY}
+    ours = {weight: theory.tilted_normal_forces(X, E1, E2, R, CLOSING, weight) for weight in HEAVY}
     for weight, forces in HEAVY.items():
         assert ours[weight] == pytest.approx(forces, rel=1e-12, abs=0.0)
     assert ours[0.0] == pytest.approx(theory.tilted_state(X, E1, E2, R, CLOSING, 0.0)[2], rel=1e-13)
@@ -120,31 +120,31 @@ def test_normal_forces_with_tilt_and_weight():
     radii, x, weight = (2e-6, 1e-6, 1e-6), (0.0, -1e-6, 1e-6), 2e-5
     m = theory.weight_number(weight, E1, radii[0], CLOSING)
     delta = theory.upper_fraction(theory.compliance_ratio(E1, radii[0], E2, *radii[1:]), m)
-    upper, left, right = conditions.tilted_normal_forces(x, E1, E2, radii, CLOSING, weight)
+    upper, left, right = theory.tilted_normal_forces(x, E1, E2, radii, CLOSING, weight)
     assert upper == pytest.approx(theory.hertz_force(E1, radii[0], delta * CLOSING), rel=1e-12)
     assert left == pytest.approx(right, rel=1e-14) and left + right - upper == pytest.approx(weight, rel=1e-13)
     # the series in the weight is of second order
     particle = (X, E1, E2, R, CLOSING)
-    exact, series = conditions.tilted_normal_forces, conditions.tilted_force_series
+    exact, series = theory.tilted_normal_forces, theory.tilted_force_series
     errors = [abs(series(*particle, weight) - exact(*particle, weight)[0]) for weight in (2e-6, 4e-6)]
     assert math.log2(errors[1] / errors[0]) == pytest.approx(3.0, abs=0.05)  # the first missing term is (m g)^3
 
 
 def test_a_spot_that_lifts_off_is_reported():
     with pytest.raises(ValueError, match="lifts off"):
-        conditions.tilted_normal_forces((2e-6, *X[1:]), E1, E2, R, CLOSING, 0.0)  # x_1 beyond x_3
+        theory.tilted_normal_forces((2e-6, *X[1:]), E1, E2, R, CLOSING, 0.0)  # x_1 beyond x_3
     with pytest.raises(ValueError, match="lifts off"):
-        conditions.tilted_normal_forces(X, E1, E2, R, CLOSING, 1e-3)  # dh is less than the weight alone needs
+        theory.tilted_normal_forces(X, E1, E2, R, CLOSING, 1e-3)  # dh is less than the weight alone needs
     # the centre of mass left of spot 2: the weight lifts spot 3 until N_1 (x_1 - x_2) = m g x_2 turns it back
     hanging, weight = (0.5e-6, 0.2e-6, 1.5e-6), 9e-5
     force = weight * 0.2 / 0.3
     onset = theory.hertz_overlap(E1, R[0], force) + theory.hertz_overlap(E2, R[1], force + weight) * 1.0 / 1.3
     with pytest.raises(ValueError, match="lifts off"):
-        conditions.tilted_normal_forces(hanging, E1, E2, R, 0.999 * onset, weight)
-    assert min(conditions.tilted_normal_forces(hanging, E1, E2, R, 1.001 * onset, weight)) > 0.0
+        theory.tilted_normal_forces(hanging, E1, E2, R, 0.999 * onset, weight)
+    assert min(theory.tilted_normal_forces(hanging, E1, E2, R, 1.001 * onset, weight)) > 0.0
     # x_1 beyond x_3 stands while the weight holds spot 2 down: N_2 >= 0 bounds N_1
     beyond = (1.6e-6, *X[1:])
-    force, left, right = conditions.tilted_normal_forces(beyond, E1, E2, R, 5e-9, 5e-5)
+    force, left, right = theory.tilted_normal_forces(beyond, E1, E2, R, 5e-9, 5e-5)
     assert min(force, left, right) > 0.0 and left + right - force == pytest.approx(5e-5, rel=1e-12)
     assert force * beyond[0] - left * beyond[1] - right * beyond[2] == pytest.approx(0.0, abs=1e-13 * right * 1e-6)
 

@@ -9,9 +9,9 @@ import math
 import closed_forms
 import numpy as np
 import pytest
+import three_spot_theory as theory
 from numba import njit
 from theory.exact_spot import D0, KAPPA, MU, E, G, R, circle
-from thirdbody_three_spot import theory
 from thirdbody_three_spot.exact import NODES, ExactParameters, exact
 from thirdbody_three_spot.mdr import SpringParameters, springs
 

@@ -8,7 +8,7 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from thirdbody.assembly.direct_contact import GAMMA, persson_parameters
-from thirdbody.engine.energy import Ledger
+from thirdbody.engine.guards import Ledger
 from thirdbody.errors import InputError
 from thirdbody.kernels.tables import run_totals
 from thirdbody.laws.hertz import e_star

@@ -9,7 +9,7 @@ from scipy.integrate import quad
 from thirdbody_effects import elastic_plastic as plastic
 
 from thirdbody.assembly.simulation import build
-from thirdbody.engine.energy import Ledger
+from thirdbody.engine.guards import Ledger
 from thirdbody.kernels.tables import body, body_extra
 from thirdbody.laws.data import Contact
 from thirdbody.laws.generated import plain

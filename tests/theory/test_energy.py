@@ -14,13 +14,13 @@ from types import SimpleNamespace
 import closed_forms
 import numpy as np
 import pytest
+import three_spot_theory as theory
 from numba import njit
 from steel import scene_text
 from theory.plain import plain
-from thirdbody_three_spot import theory
 
 from thirdbody.assembly.simulation import build
-from thirdbody.engine.energy import Ledger
+from thirdbody.engine.guards import Ledger
 from thirdbody.kernels import books
 from thirdbody.kernels.arguments import Tile
 from thirdbody.kernels.books import pack_triple

@@ -10,7 +10,7 @@ import math
 import closed_forms
 import numpy as np
 import pytest
-from thirdbody_three_spot import theory
+import three_spot_theory as theory
 
 from thirdbody.laws.damping import damping_number, restitution_of
 from thirdbody.scene.model import Ball

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import three_spot_theory as theory
 from slow import slow
-from thirdbody_three_spot import theory
 from thirdbody_three_spot.balance import balance
 
 from thirdbody.assembly.simulation import build
-from thirdbody.engine.energy import Ledger
+from thirdbody.engine.guards import Ledger
 from thirdbody.kernels.tables import patch, record
 from thirdbody.scene.model import ConstantVelocity, Effects, Motion, Ramp, Scene
 

@@ -9,13 +9,13 @@ from slow import slow
 
 from thirdbody.engine import meeting
 from thirdbody.engine.accuracy import MEETING_RADII
-from thirdbody.engine.energy import Ledger
+from thirdbody.engine.guards import Ledger
 from thirdbody.engine.islands import STRIDE
 from thirdbody.engine.snapshot import restore, snapshot
 from thirdbody.errors import GuardStop
 from thirdbody.kernels.arguments import Motion
 from thirdbody.kernels.implicit import common_plate
-from thirdbody.kernels.implicit.tables import body_solution, step_memory, step_settings
+from thirdbody.kernels.step_tables import body_solution, step_memory, step_settings
 from thirdbody.kernels.tables import body, patch, record, run_totals
 from thirdbody.runner.prepare import set_threads
 from thirdbody.scene import model

@@ -18,7 +18,6 @@ from thirdbody.kernels.implicit.newton import evaluate as evaluate_island
 from thirdbody.kernels.implicit.pairs import pairs_part
 from thirdbody.kernels.implicit.rough import rough_part, update_minima
 from thirdbody.kernels.implicit.spots_part import spots_part
-from thirdbody.kernels.implicit.tables import step_memory, step_settings, step_start
 from thirdbody.kernels.implicit.workspace import (
     FREEDOMS,
     ISLANDS,
@@ -34,6 +33,7 @@ from thirdbody.kernels.implicit.workspace import (
 from thirdbody.kernels.minima import RoughPlates
 from thirdbody.kernels.plates import BASINS
 from thirdbody.kernels.rolling_kinematics import MOMENTS, TWIST
+from thirdbody.kernels.step_tables import step_memory, step_settings, step_start
 from thirdbody.kernels.tables import body, body_extra, contact_state, domain, patch, run_totals, sphere, surface_contact
 from thirdbody.kernels.tile import TILE, contact_tangent, law_input, law_output
 from thirdbody.kernels.tile import rolling_input as turn_in

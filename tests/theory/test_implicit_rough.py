@@ -12,10 +12,10 @@ from stories import SCENE, agreement, dragged
 import thirdbody
 from thirdbody.assembly import simulation
 from thirdbody.assembly.surfaces import with_surfaces
-from thirdbody.engine.energy import Ledger
-from thirdbody.engine.implicit_stops import body_energies
+from thirdbody.engine.accuracy import body_energies
+from thirdbody.engine.guards import Ledger
 from thirdbody.engine.snapshot import restore, snapshot
-from thirdbody.kernels.implicit.tables import step_memory
+from thirdbody.kernels.step_tables import step_memory
 from thirdbody.kernels.tables import patch as plate
 from thirdbody.kernels.tables import run_totals
 from thirdbody.runner.prepare import prepare, set_threads

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from thirdbody_three_spot import theory
+import three_spot_theory as theory
 
 from thirdbody.assembly.simulation import build
-from thirdbody.engine.energy import Ledger
+from thirdbody.engine.guards import Ledger
 from thirdbody.errors import InputError
 from thirdbody.kernels.tables import body, body_extra
 from thirdbody.scene.model import Effects, Solver

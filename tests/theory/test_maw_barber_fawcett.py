@@ -11,8 +11,8 @@ from pathlib import Path
 import closed_forms
 import numpy as np
 import pytest
+import three_spot_theory as theory
 from slow import slow
-from thirdbody_three_spot import theory
 
 from thirdbody.scene.model import Contact
 

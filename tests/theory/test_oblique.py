@@ -12,8 +12,9 @@ from pathlib import Path
 import closed_forms
 import numpy as np
 import pytest
+import three_spot_theory as theory
 from slow import slow
-from thirdbody_three_spot import THREE_SPOT, theory
+from thirdbody_three_spot import THREE_SPOT
 
 from thirdbody.scene.model import Contact
 

@@ -7,13 +7,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import three_spot_theory as theory
 from scipy.optimize import root
 from slow import slow
 from theory.memory_diagrams import MemoryDiagram
-from thirdbody_three_spot import regime_points, theory
+from thirdbody_three_spot import regime_map
 from thirdbody_three_spot.balance import balance
-from thirdbody_three_spot.regime_map import regime
-from thirdbody_three_spot.regime_points import FRICTIONS, POSITIONS, computed_points
+from thirdbody_three_spot.regime_map import FRICTIONS, POSITIONS, computed_points
 
 MATERIALS = {
     "upper": {"shear_modulus": 80e9, "poisson_ratio": 0.3},
@@ -109,8 +109,8 @@ HALF = 0.5
 
 
 def test_a_computed_particle_has_the_place_and_the_state_of_its_path(monkeypatch):
-    monkeypatch.setattr(regime_points, "balance", lambda tables: tables)
-    tables = regime_points._dragged(0.7, 0.25, 0.4)
+    monkeypatch.setattr(regime_map, "balance", lambda tables: tables)
+    tables = regime_map._dragged(0.7, 0.25, 0.4)
     places = [tuple(float(s[key].split()[0]) / 4.0 for key in ("x", "z")) for s in tables["particle"]["spots"]]
     assert places == [(0.7, 0.5), (-0.25, -0.5), (0.25, -0.5)]  # over h
     assert tables["friction"] == {"upper": 0.4, "lower": 0.4} and "direction" not in tables["path"]  # toward -x
@@ -119,7 +119,7 @@ def test_a_computed_particle_has_the_place_and_the_state_of_its_path(monkeypatch
         ("sticking sticking", "rolling", "sticking"), ("sticking sliding", "undecided", None), ("sticking sticking", None, None),
     ):  # fmt: skip
         points = [SimpleNamespace(label=label, spots=["stick"]) for label in words.split()]
-        assert regime_points._regime(SimpleNamespace(points=points, stopped=stopped and SimpleNamespace(label=stopped))) == state
+        assert regime_map._regime(SimpleNamespace(points=points, stopped=stopped and SimpleNamespace(label=stopped))) == state
 
 
 @pytest.mark.full(kind="slow")
@@ -130,5 +130,5 @@ def test_every_computed_particle_does_what_the_map_says():
         # the ends t_min = x - L, t_max = x + L and -t_max (over h): on them the answer is open
         if min(abs(point.y - (point.x + end)) for end in (-HALF, HALF)) < 1e-3 or abs(point.y + point.x + HALF) < 1e-3:
             continue
-        assert point.state == regime(point.x, HALF, point.y), point
+        assert point.state == theory.regime(point.x, HALF, point.y), point
     assert {point.state for point in points} == {"rolling", "sticking", "sliding"}

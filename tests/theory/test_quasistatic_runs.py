@@ -10,8 +10,8 @@ from each import each
 import thirdbody
 from thirdbody.assembly.inertial_number import FAST, SLOW, inertial_number
 from thirdbody.assembly.simulation import build
-from thirdbody.engine.energy import Ledger
-from thirdbody.engine.implicit_stops import CREATED_ENERGY_GUARD, NEGLIGIBLE, created_fractions
+from thirdbody.engine.accuracy import CREATED_ENERGY_GUARD, NEGLIGIBLE, created_fractions
+from thirdbody.engine.guards import Ledger
 from thirdbody.engine.upper_plate import Segment, mean_value
 from thirdbody.errors import GuardStop, InputError
 from thirdbody.kernels.tables import body, run_totals

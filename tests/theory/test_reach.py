@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from thirdbody.assembly.simulation import build
-from thirdbody.engine.energy import Ledger
+from thirdbody.engine.guards import Ledger
 from thirdbody.errors import InputError
 from thirdbody.kernels.tables import record
 from thirdbody.laws.conformance.suite import check, report

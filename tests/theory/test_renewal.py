@@ -5,10 +5,11 @@ import math
 
 import numpy as np
 import pytest
+import three_spot_theory as theory
 from each import each
 from theory.plain import plain
 from theory.spots import Spot
-from thirdbody_three_spot import exact, mdr, theory
+from thirdbody_three_spot import exact, mdr
 
 from thirdbody.assembly.option_values import option_value
 from thirdbody.laws.contract import Material, Pair

@@ -5,8 +5,8 @@ import math
 import closed_forms
 import numpy as np
 import pytest
+import three_spot_theory as theory
 from slow import slow
-from thirdbody_three_spot import theory
 
 from thirdbody.assembly.simulation import build
 from thirdbody.kernels.tables import record

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from thirdbody_three_spot import theory
+import three_spot_theory as theory
 
 from thirdbody.assembly.simulation import build
-from thirdbody.engine.energy import Ledger
+from thirdbody.engine.guards import Ledger
 from thirdbody.engine.time_step import bound
 from thirdbody.kernels.tables import body, body_extra, record, run_totals
 from thirdbody.scene.model import ConstantVelocity, Effects, Motion

@@ -9,7 +9,7 @@ from shape_map import boundary, closed_form, read_map
 from slow import slow
 
 import thirdbody
-from thirdbody.scene.debris.kinds.spheroid import corrugation
+from thirdbody.debris.spheroid import corrugation
 
 SWEEPS = ROOT / "scenes" / "sweeps"
 

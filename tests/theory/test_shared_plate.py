@@ -4,15 +4,15 @@ import math
 
 import numpy as np
 import pytest
+import three_spot_theory as theory
 from scipy.optimize import brentq
 from slow import slow
-from thirdbody_three_spot import theory
 
-from thirdbody.engine.energy import Ledger
+from thirdbody.engine.guards import Ledger
 from thirdbody.errors import GuardStop
 from thirdbody.kernels.arguments import Motion
 from thirdbody.kernels.implicit import common_plate, control
-from thirdbody.kernels.implicit.tables import body_solution, step_memory
+from thirdbody.kernels.step_tables import body_solution, step_memory
 from thirdbody.kernels.tables import body, patch, run_totals
 from thirdbody.scene import model
 

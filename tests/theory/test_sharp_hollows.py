@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rough import field, rough_plates
 
-from thirdbody.engine.energy import Ledger
+from thirdbody.engine.guards import Ledger
 from thirdbody.scene.model import ConstantVelocity, Motion
 
 RADIUS, LOAD, SIDE = 5e-6, 1e-4, 4e-5  # of the ball [m], on it [N]; side of the domain [m]

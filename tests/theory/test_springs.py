@@ -7,10 +7,10 @@ from collections import namedtuple
 import closed_forms
 import numpy as np
 import pytest
+import three_spot_theory as theory
 from each import each
 from theory.plain import plain
 from theory.spots import Spot
-from thirdbody_three_spot import theory
 from thirdbody_three_spot.mdr import MDR, SpringParameters
 
 from thirdbody.kernels.arguments import Motion

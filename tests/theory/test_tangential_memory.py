@@ -10,10 +10,10 @@ import math
 import closed_forms
 import numpy as np
 import pytest
+import three_spot_theory as theory
 from each import each
 from steel import scene_text
 from theory.spots import Spot
-from thirdbody_three_spot import theory
 from thirdbody_three_spot.exact import EXACT, NODES, ExactParameters
 from thirdbody_three_spot.mdr import MDR, SpringParameters
 

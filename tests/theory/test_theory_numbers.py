@@ -4,8 +4,9 @@ Those of `closed_forms`, by which tests judge runs, are compared with published 
 
 import closed_forms
 import pytest
+import three_spot_theory as theory
 from each import each
-from thirdbody_three_spot import theory
+from thirdbody_three_spot.conditions import third_spot_position
 
 DIGITS = 1e-13  # the numbers carry 15 digits; a few round-offs of double precision come on top
 APPROX = {"rel": DIGITS, "abs": 0.0}
@@ -51,8 +52,8 @@ NUMBERS = {
         1.0750081530652e-6,
     ),
     "Eq. 20": (theory.sliding_weight_ratio(0.30, 0.25), 0.2),
-    "Fig. 2 a": (theory.third_spot_position(0.25, 2.0, 1.0), 0.666666666666667),
-    "Fig. 2 b": (theory.third_spot_position(0.3, 0.7, 0.6), 0.871428571428571),
+    "Fig. 2 a": (third_spot_position(0.25, 2.0, 1.0), 0.666666666666667),
+    "Fig. 2 b": (third_spot_position(0.3, 0.7, 0.6), 0.871428571428571),
     "N2/N1 sliding": (theory.lower_force_fraction(TILTED, 1.2e-6), 0.714285714285714),
     "t_min": (theory.sliding_interval(TILTED, 4e-6)[0], -0.325),
     "t_max": (theory.sliding_interval(TILTED, 4e-6)[1], 0.55),

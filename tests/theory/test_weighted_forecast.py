@@ -8,7 +8,7 @@ import pytest
 from each import each
 from slow import slow
 from theory.plain import plain
-from thirdbody_three_spot import classify, conditions, tables
+from thirdbody_three_spot import classify, conditions, support
 
 from thirdbody import plugin as k
 
@@ -119,7 +119,7 @@ def test_labels_without_forecasts_or_effects_differ_in_them_only():
     body = case(random)
     weighted = *body[:3], WRENCHES["weight, pull and torque"], *body[3:]
     full, without = label(*weighted), label(*weighted, WITHOUT_FORECASTS)
-    assert full["mu_required"] > 0.0 and [without.pop(name) for name in tables.FORECASTS] == [k.NO_FORECAST, 0.0, 0.0, 0.0]
+    assert full["mu_required"] > 0.0 and [without.pop(name) for name in support.FORECASTS] == [k.NO_FORECAST, 0.0, 0.0, 0.0]
     assert without == {name: full[name] for name in without}
     for _ in range(4):
         body = case(random)

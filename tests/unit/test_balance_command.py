@@ -8,9 +8,8 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from portable import drawn as inked
 from thirdbody_three_spot.balance import Forecast, Point, Result, balance
-from thirdbody_three_spot.balance_command import balance_command, table
+from thirdbody_three_spot.balance_command import balance_command, plot, table
 from thirdbody_three_spot.balance_file import BalanceFile
-from thirdbody_three_spot.balance_plot import plot
 
 import thirdbody
 from thirdbody.errors import InputError, OutputError, UsageError

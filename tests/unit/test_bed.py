@@ -32,9 +32,15 @@ from thirdbody.runner.run_folder import RunFolder
 from thirdbody.runner.run_loop import RunLoop
 from thirdbody.scene.model import Scene
 from thirdbody.trajectory.accommodation import accommodation, parts_of, transmitting_weights
-from thirdbody.trajectory.accommodation_fractions import accommodation_fractions, accommodation_text, short_accommodation_text
+from thirdbody.trajectory.bed import (
+    accommodation_fractions,
+    accommodation_text,
+    bed_warning,
+    short_accommodation_text,
+    softness_verdict,
+)
 from thirdbody.trajectory.bed_measures import BedMeasures, Interval
-from thirdbody.trajectory.bed_verdict import bed_warning, softness_verdict, steady
+from thirdbody.trajectory.drag import Drag
 from thirdbody.trajectory.frame import FrameMaker
 from thirdbody.trajectory.names import ACCOMMODATION, BED
 
@@ -232,8 +238,9 @@ DRAGS = [
 @each(DRAGS)
 def test_the_steady_part(row):
     drag, first, last = row
-    run = SimpleNamespace(frames=FRAMES, series={"friction_coefficient": np.full(FRAMES, 0.3)}, drag=SimpleNamespace(**drag))
-    assert np.flatnonzero(steady(run)).tolist() == list(range(first, last + 1))
+    result = Drag(SimpleNamespace(frames=FRAMES, series={"friction_coefficient": np.full(FRAMES, 0.3)}))
+    vars(result).update(drag)
+    assert np.flatnonzero(result.steady).tolist() == list(range(first, last + 1))
 
 
 def test_the_verdicts_give_the_number_and_what_it_means():
@@ -346,13 +353,15 @@ def check_sum(run):
 def test_balls_only_roll_and_flakes_only_slip(tmp_path):
     with run_of(tmp_path / "balls") as run:
         check_sum(run)
-        assert accommodation_fractions(run)["rolling"] == pytest.approx(1.0, abs=0.01)  # elastic creep and the ramp's vibration
-        assert run.summary()["accommodation"] == accommodation_fractions(run)
+        assert accommodation_fractions(run.drag)["rolling"] == pytest.approx(
+            1.0, abs=0.01
+        )  # elastic creep and the ramp's vibration
+        assert run.summary()["accommodation"] == accommodation_fractions(run.drag)
         assert run.units["accommodation_rolling"] == "m/s"
     flakes = {"debris.0": {"material": "steel", "kind": "spheres", "count": 4, "shape": FLAKE, "seed": 1}}
     with run_of(tmp_path / "flakes", **flakes) as run:
         check_sum(run)
-        fractions = accommodation_fractions(run)
+        fractions = accommodation_fractions(run.drag)
         assert fractions["upper_slip"] + fractions["lower_slip"] == pytest.approx(1.0, abs=0.01)
         axes = run.plot(panels=["accommodation"]).axes[0]
         assert "slip" in axes.get_title(loc="left")

@@ -309,4 +309,4 @@ def test_on_slopes_there_is_a_label_and_no_forecast():
         rig, out = Rig([*feet, upper(0.0)], View()), np.zeros(c.OUTPUTS)
         rig.view.label(rig.table()[1][:3], 3, rig.body((0.0, 0.0), DT, True), rig.m, out)
         assert c.STATES[int(out[0])] == "sticking"
-        assert (int(out[c.label_output.FORECAST]) != k.NO_FORECAST) == known, slope
+        assert (int(out[c.output.FORECAST]) != k.NO_FORECAST) == known, slope

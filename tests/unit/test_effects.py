@@ -7,7 +7,7 @@ from shared_runs import PLATES, clumps
 
 import thirdbody
 from thirdbody.assembly.simulation import build
-from thirdbody.engine.energy import Ledger
+from thirdbody.engine.guards import Ledger
 from thirdbody.errors import InputError
 from thirdbody.kernels.tables import record
 from thirdbody.report.adhesion_check import remarks

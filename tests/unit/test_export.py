@@ -11,12 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from thirdbody.api import open_run
 from thirdbody.errors import InputError, OutputError, UsageError
-from thirdbody.export.export_run import export_run
+from thirdbody.export.tables import export_run
 from thirdbody.report.tables import states_report
-from thirdbody.trajectory.names import MAP_STATISTICS
-from thirdbody.trajectory.reader import open_run
-from thirdbody.trajectory.schema import BLOCKS, Frame
+from thirdbody.trajectory.names import BLOCKS, MAP_STATISTICS, Frame
 from thirdbody.trajectory.writer import TrajectoryWriter
 
 STATES = [[0, 1, 2], [1, 1, 2], [1, 1, 2], [1, 3, 0]]

@@ -17,18 +17,16 @@ from slow import slow
 
 import thirdbody
 from thirdbody.engine.upper_plate import Schedule, Segment
-from thirdbody.export.csv_tables import export_csv
+from thirdbody.export.tables import export_csv
 from thirdbody.kernels import schedule
 from thirdbody.plot.summary_page import page
 from thirdbody.render.notebook import run_html
 from thirdbody.render.picture_data import read_picture_data
 from thirdbody.report.tables import run_report
 from thirdbody.runner.accuracy_warnings import ending_warnings, step_words
-from thirdbody.trajectory.energy_check import energy_verdict
-from thirdbody.trajectory.friction import _verdict, friction_of
-from thirdbody.trajectory.plate_motion import Drag
-from thirdbody.trajectory.run_summary import run_summary
-from thirdbody.trajectory.statistics import change_and_error
+from thirdbody.trajectory.drag import Drag
+from thirdbody.trajectory.friction import _verdict, change_and_error, friction_of
+from thirdbody.trajectory.summary import energy_verdict, run_summary
 
 from .test_plot import LOAD, stroke, write
 
@@ -54,8 +52,7 @@ def friction(u: np.ndarray, mu: np.ndarray, direct: float = 0.0):
     series = {"distance": distance, "displacement": u, "friction_coefficient": mu, "upper_force": force}
     series["direct_force"] = np.outer(np.full(len(u), direct), [0.0, 0.0, 1.0])
     run = SimpleNamespace(frames=len(u), series=series, header={}, times=1e-6 * np.arange(len(u)))
-    run.drag = Drag(run)
-    return friction_of(run)
+    return friction_of(Drag(run))
 
 
 def test_every_output_reports_the_same_number(drifting, capsys):
@@ -296,8 +293,10 @@ def test_words_for_what_limited_the_steps():
     assert step_words({"steps_limited_by": steps}) == "output 60 %, largest step 30 %, error 10 %"
     assert step_words({"time_step": 1e-9}) == ""
     run = SimpleNamespace(frames=0, header={"warnings": ["before"]}, series={"fraction_rolling": [0.1, 0.5, 0.2]})
-    summary = run_summary(run, {"patches_not_carried": 0, "warnings": ["at the end"]})
+    summary = run_summary(Drag(run), friction_of(Drag(run)), None, {"patches_not_carried": 0, "warnings": ["at the end"]})
     assert summary["largest_fraction_rolling"] == 0.5  # over all frames
     before, at_end, rolled = summary["warnings"]
     assert (before, at_end) == ("before", "at the end") and "50 % of the bodies rolled" in rolled and "momentum" in rolled
-    assert run_summary(run, {"patches_not_carried": None})["warnings"] == ["before"]  # with inertia
+    assert run_summary(Drag(run), friction_of(Drag(run)), None, {"patches_not_carried": None})["warnings"] == [
+        "before"
+    ]  # with inertia

@@ -13,12 +13,11 @@ from hard import trial as make
 from hard.trial import Setting, Trial
 
 from thirdbody.assembly.simulation import build
-from thirdbody.engine.energy import Ledger
+from thirdbody.engine.accuracy import causes, in_words, limited_by, limiting_body
 from thirdbody.engine.explicit import Explicit
-from thirdbody.engine.guards import EnergyGuard
-from thirdbody.engine.implicit_stops import causes, in_words, limited_by, limiting_body
+from thirdbody.engine.guards import EnergyGuard, Ledger
 from thirdbody.errors import GuardStop
-from thirdbody.kernels.implicit.tables import step_memory
+from thirdbody.kernels.step_tables import step_memory
 from thirdbody.kernels.tables import body, run_totals
 from thirdbody.kernels.tables import domain as limits
 from thirdbody.runner.run_folder import RunFolder

@@ -7,7 +7,7 @@ import pytest
 
 from thirdbody.engine import implicit, implicit_ensemble
 from thirdbody.engine.candidates import AllRows, ClosedRows
-from thirdbody.engine.energy import Ledger
+from thirdbody.engine.guards import Ledger
 from thirdbody.engine.snapshot import restore, snapshot
 from thirdbody.report.scene_check import memory_of
 from thirdbody.runner.checkpoint import read_checkpoint

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from thirdbody_three_spot import regime_map
-from thirdbody_three_spot.regime_map import COLORS, MapPoint, draw_map, regime
+from thirdbody_three_spot.regime_map import COLORS, MapPoint, draw_map
+from three_spot_theory import regime
 
 from thirdbody.palette import STATE_COLORS
 
@@ -53,7 +54,7 @@ def test_areas_and_points_are_drawn_where_they_are():
                           (-0.9, 0.3, "rolling"), (-0.9, 0.5, "sticking")):  # fmt: skip
         assert regime(x_1, 0.5, mu) == name  # t_max = x_1 + .5, t_min = x_1 - .5
     axes = Figure().subplots()
-    regime_map._draw_regimes(axes, 0.5, COLORS)
+    regime_map._draw_regimes(axes, 0.5)
     areas = {name: [c for c in axes.collections if np.allclose(c.get_facecolor()[0][:3], regime_map._pale(COLORS[name]))]
              for name in regime_map.REGIMES}  # fmt: skip
     assert all(len(found) == 1 for found in areas.values())
@@ -70,12 +71,6 @@ def test_areas_and_points_are_drawn_where_they_are():
     for lines, level in zip(fig2.collections, regime_map.LEVELS, strict=True):  # n_2 zeta_2 + 1 - H = (1 - n_2) zeta_3
         n, z = np.concatenate([path.vertices for path in lines.get_paths()]).T
         assert np.abs(n * z - 0.2 - (1.0 - n) * level).max() < 1e-3 and lines.get_linewidth()[0] == (2.0 if level == 0.0 else 1.1)
-    axes = Figure().subplots()
-    regime_map._draw_points(axes, [MapPoint("regimes", 0.3, 0.4, "sliding", "body 7")], COLORS)
-    assert axes.lines[0].get_xydata().tolist() == [[0.3, 0.4]] and axes.texts[0].get_text() == "body 7"
-    for panel, state, word in (("fig3", "sliding", "panels"), ("fig2", "gliding", "states")):
-        with pytest.raises(ValueError, match=word):
-            MapPoint(panel, 0.0, 0.0, state)
     assert {name: STATE_COLORS[name] for name in COLORS} == COLORS  # those of every other picture
 
 
@@ -84,12 +79,13 @@ def test_the_legend_explains_every_mark(tmp_path, monkeypatch):
     monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: drawn.append(figure))
     states = ("rolling", "sticking", "sliding")
     places = [(x, mu) for x in np.linspace(-1.0, 1.5, 12) for mu in np.linspace(0.05, 0.95, 12)]
-    draw_map(tmp_path / "map.png", points=[MapPoint("regimes", *place, states[k % 3]) for k, place in enumerate(places)])
+    draw_map(tmp_path / "map.png", points=[MapPoint(*place, states[k % 3]) for k, place in enumerate(places)])
     (figure,) = drawn
     figure.draw_without_rendering()
     right = figure.axes[1]
     marks = [right.transData.transform(line.get_xydata()[0]) for line in right.lines if line.get_marker() != "None"]
     assert len(marks) == 144 and len(right.texts) == 2  # the two lower spots
+    assert np.allclose(right.transData.inverted().transform(marks), places)
     report = [text.get_text() for text in figure.legends[0].get_texts()]
     computed = [f"computed: {regime_map.WORDS[name]}" for name in states]
     assert [text for text in report if text.startswith("computed: ")] == computed

@@ -7,7 +7,7 @@ import pytest
 from numba import njit
 from numba.core.errors import TypingError
 
-from thirdbody.jit.memory import array_part
+from thirdbody.jit.arguments import array_part
 from thirdbody.kernels.arguments import Tile
 from thirdbody.kernels.books import pack_triple, unpack_triple
 from thirdbody.kernels.contact_geometry import gather_history, load_history

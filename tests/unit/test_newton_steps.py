@@ -8,9 +8,9 @@ import pytest
 from numba import njit
 
 from thirdbody.kernels.implicit import jacobian, newton
-from thirdbody.kernels.implicit.contact import NOWHERE, ZERO_TENSOR, Contact, Side, add_planar, plate_side
-from thirdbody.kernels.implicit.curved import add_curved
-from thirdbody.kernels.implicit.tables import step_start
+from thirdbody.kernels.implicit.contact import NOWHERE, ZERO_TENSOR, Contact, Side, add_planar
+from thirdbody.kernels.implicit.jacobian import add_curved
+from thirdbody.kernels.step_tables import step_start
 from thirdbody.kernels.tables import sphere
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output
 
@@ -100,9 +100,8 @@ def random_contact(seed, upper):
     tangent = tuple(rng.normal(size=7).tolist())
     owner = Side(0, -1, 1.0, tuple(centre.tolist()), tuple(point.tolist()), 1.0)
     return Contact(
-        owner, plate_side.py_func(6 if upper else -1), frame, force, NOWHERE, (0.3, 0.0, 0.0), tangent, ZERO_TENSOR,
-        (0.0, 0.0), ZERO_TENSOR,
-        1.0, 1.0, NOWHERE, ZERO_TENSOR,
+        owner, Side(-1, 6 if upper else -1, 1.0, NOWHERE, NOWHERE, 0.0), frame, force, NOWHERE, (0.3, 0.0, 0.0), tangent,
+        ZERO_TENSOR, (0.0, 0.0), ZERO_TENSOR, 1.0, 1.0, NOWHERE, ZERO_TENSOR,
     )  # fmt: skip
 
 

@@ -17,9 +17,9 @@ from thirdbody.errors import InputError
 from thirdbody.plugin import NO_FORECAST
 from thirdbody.runner.output_schedule import SETTLING, planned_frames, targets
 from thirdbody.runner.prepare import prepare
-from thirdbody.trajectory.reader import FILE_NAME
-from thirdbody.trajectory.rebuilt_spheres import rows_of
-from thirdbody.trajectory.sample import ELSEWHERE, REVERSED, sample_of
+from thirdbody.trajectory.open_file import FILE_NAME
+from thirdbody.trajectory.read_blocks import rows_of
+from thirdbody.trajectory.sampling import ELSEWHERE, REVERSED, sample_of
 
 BED = Path(__file__).parents[2] / "scenes" / "dense_layer.toml"
 SHORT = {

@@ -14,12 +14,12 @@ from thirdbody.plot.panels_friction import loop_area, stretches
 from thirdbody.plot.panels_series import ledger
 from thirdbody.plot.run_data import RunData
 from thirdbody.plot.summary_page import NAMES, page, plot
-from thirdbody.quantity import percent, quantity_text, with_error
 from thirdbody.render import render as render_module
 from thirdbody.trajectory.reader import open_run
 from thirdbody.trajectory.schema import Frame
 from thirdbody.trajectory.statistics import mean_and_error, running_mean
 from thirdbody.trajectory.writer import TrajectoryWriter
+from thirdbody.units import percent, quantity_text, with_error
 
 STATES = list(STATE_COLORS)
 SCENE = """scene = 1\n[[pairs]]\nbetween = ["tin", "steel"]\nfriction = 0.3\n[[debris]]\nmaterial = "tin"

@@ -1,5 +1,6 @@
 """Profiles: closed forms of cut spheres and lines, of a column, a gas and plane Couette flow; what a run does with them;
-means over an output interval: exact where the trapezoidal rule is, of few samples, the same after a restore."""
+means over an output interval: exact where the trapezoidal rule is, of few samples, the same after a restore; the shear zone of a
+bed: exact for plane Couette flow, found in a band, at least a grain thick."""
 
 import csv
 import math
@@ -18,9 +19,9 @@ from thirdbody.kernels.tables import DEBRIS, LOWER, ONLY_LOWER, UPPER, body, con
 from thirdbody.palette import STATE_COLORS
 from thirdbody.plot import panels_profiles
 from thirdbody.scene.model import Scene
-from thirdbody.trajectory.interval_means import SAMPLES, IntervalMeans
-from thirdbody.trajectory.profiles import Profiler
-from thirdbody.trajectory.slabs import Slabs, line_parts, sphere_parts
+from thirdbody.trajectory.bed_measures import EDGE, rising_profile, shear_zone
+from thirdbody.trajectory.profiles import Profiler, Slabs, line_parts, sphere_parts
+from thirdbody.trajectory.sampling import SAMPLES, IntervalMeans
 
 L, W, H = 60e-6, 40e-6, 50e-6  # m
 R, DENSITY = 5e-6, 7850.0
@@ -288,9 +289,8 @@ def test_restored_means_go_on_bit_for_bit_and_others_are_refused():
         second.restore(saved)
 
 
-def test_profiles_are_drawn_along_the_motion_of_the_plate(monkeypatch):
+def test_profiles_are_drawn_along_the_motion_of_the_plate():
     """Back and forth along y, 2 um in 1 and in 3 us; the bed holds the upper plate back by 1 kPa, drags the lower by 0.8 kPa."""
-    monkeypatch.setattr(panels_profiles, "steady", lambda run: np.array([False, False, True, True]))
     steps = 1e-6 * np.array([0.0, 9.0, 2.0, -2.0])
     side, stress, velocity = np.sign(steps), np.zeros((4, 2, 3, 3)), np.zeros((4, 2, 3))
     stress[..., 2, 2], stress[..., 1, 2], velocity[..., 1] = 3e3, -1e3 * side[:, None], side[:, None] * [0.25, 0.75]
@@ -301,7 +301,8 @@ def test_profiles_are_drawn_along_the_motion_of_the_plate(monkeypatch):
     run = SimpleNamespace(profiles=found, header={"profiles": {"axis": "z"}, "domain": {"size": [2e-6, 5e-6]}},
                           times=1e-6 * np.array([0.0, 1.0, 2.0, 5.0]),
                           plates=lambda k: {"position": np.tile([0.0, steps[: k + 1].sum(), 1.0], (8, 1))})  # fmt: skip
-    drag = SimpleNamespace(steps=steps, durations=1e-6 * np.array([0, 1, 1, 3]), headings=np.outer(side, [0.0, 1.0, 0.0]))
+    drag = SimpleNamespace(steps=steps, durations=1e-6 * np.array([0, 1, 1, 3]), headings=np.outer(side, [0.0, 1.0, 0.0]),
+                           steady=np.array([False, False, True, True]))  # fmt: skip
     data = SimpleNamespace(run=run, drag=drag, start=0, frames=4, fractions=["rolling"],
                            series={"upper_force": forces[0], "lower_force": forces[1]}, colors=STATE_COLORS)  # fmt: skip
     axes = Figure().subplots(3)
@@ -312,3 +313,51 @@ def test_profiles_are_drawn_along_the_motion_of_the_plate(monkeypatch):
     np.testing.assert_allclose(drawn, wanted, atol=1e-9)
     assert [entry.get_label() for entry in axes[1].lines[:3]] == ["normal", "shear", "plates"]
     np.testing.assert_allclose([(bar.get_width(), bar.get_y()) for bar in axes[2].patches], [(0.5, 0), (0.5, 2)], atol=1e-9)
+
+
+HEIGHT, DIAMETER, SPEED = 100e-6, 10e-6, 2.0
+
+
+def bed_of_points(n=500):
+    rng = np.random.default_rng(1)
+    return np.sort(rng.uniform(0.0, HEIGHT, n)), rng.uniform(1.0, 3.0, n)
+
+
+def flow(along, angle=0.3):
+    """Velocities of that size in one direction, on a common drift."""
+    return along[:, None] * [math.cos(angle), math.sin(angle), 0.0] + [0.4, -0.1, 0.05]
+
+
+def test_plane_couette_flow_is_exact():
+    (z, mass), rate = bed_of_points(), SPEED / HEIGHT
+    low, high = (np.average(z[end], weights=mass[end]) for end in (z <= z[0] + DIAMETER, z >= z[-1] - DIAMETER))
+    edges = [low + fraction * (high - low) for fraction in (EDGE, 1.0 - EDGE)]
+    for angle in (0.0, 0.3, math.pi, -2.0):
+        zone = shear_zone(z, flow(rate * z, angle), mass, DIAMETER)
+        assert zone.rate == pytest.approx(rate, rel=1e-11)  # rounding of differences of velocities
+        assert [zone.bottom, zone.top] == pytest.approx(edges, rel=1e-11)
+
+
+def test_a_band_is_found_where_it_is():
+    z, mass = bed_of_points(5000)
+    bottom, top = 30e-6, 60e-6
+    along = SPEED * np.clip((z - bottom) / (top - bottom), 0.0, 1.0)
+    zone = shear_zone(z, flow(along), mass, DIAMETER)
+    # plateaus and the band are straight lines: only the neighbours of an edge are interpolated
+    assert zone.rate == pytest.approx(SPEED / (top - bottom), rel=1e-9)
+    assert [zone.bottom, zone.top] == pytest.approx([33e-6, 57e-6], rel=1e-9)
+
+
+def test_two_blocks_that_slide_shear_over_one_diameter():
+    z, mass = bed_of_points()
+    zone = shear_zone(z, flow(np.where(z > 0.37 * HEIGHT, SPEED, 0.0)), mass, DIAMETER)
+    assert zone.rate == pytest.approx(SPEED / DIAMETER, rel=1e-12)
+    assert zone.top - zone.bottom < 0.1 * DIAMETER and zone.bottom == pytest.approx(0.37 * HEIGHT, rel=0.02)
+    # a bed that moves as a whole has no rate, one layer no zone
+    assert shear_zone(z, flow(np.zeros(len(z))), mass, DIAMETER).rate == pytest.approx(0.0, abs=1e-9)
+    assert shear_zone(0.1 * z, flow(z), mass, DIAMETER) is None
+    # the profile never falls and is the nearest one
+    values = np.array([1.0, 3.0, 2.0, 2.0, 5.0, 4.0])
+    weights = np.array([1.0, 2.0, 1.0, 1.0, 3.0, 1.0])
+    pooled = [1.0, 2.5, 2.5, 2.5, 4.75, 4.75]  # means of the runs that fall, by weight
+    assert rising_profile(values, weights) == pytest.approx(pooled, rel=1e-14)

@@ -12,13 +12,13 @@ from PIL import Image
 
 from thirdbody.errors import InputError, MissingLibrary, OutputError
 from thirdbody.palette import CATEGORY_COLORS, STATE_COLORS, category_colors, field_colors, rgb, state_colors
-from thirdbody.quantity import with_unit
 from thirdbody.render import render as render_module
 from thirdbody.render.coloring import Coloring, LegendScale, compute_coloring
 from thirdbody.render.force_tubes import TUBE
 from thirdbody.render.picture_data import close_up_window, read_picture_data
 from thirdbody.render.render import render
 from thirdbody.trajectory.reader import open_run
+from thirdbody.units import with_unit
 
 
 @pytest.fixture(scope="module")

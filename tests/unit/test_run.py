@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from trial_run import HEADER, STATIC, expected, make_frame, write_frames
 
+from thirdbody.api import open_run
 from thirdbody.errors import InputError
 from thirdbody.trajectory import open_file
-from thirdbody.trajectory.reader import open_run
 from thirdbody.trajectory.writer import TrajectoryWriter
 
 UNITS = {"time": "s", "distance": "m", "displacement": "m", "upper_force": "N", "friction_coefficient": "1"}

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from thirdbody.errors import InputError, OutputError
 from thirdbody.scene import model
 from thirdbody.scene.model import Contact, Irregular, Lognormal, Material, Output, Scene
-from thirdbody.scene.toml_positions import locate
+from thirdbody.schema.read import locate
 
 GOOD = (Path(__file__).parent / "good_scene.toml").read_text(encoding="utf-8")
 

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit import simd
-from thirdbody.jit.memory import stack_array
+from thirdbody.jit.arguments import stack_array
 from thirdbody.kernels.vectors import NEARLY_UNIT, rotate_small
 
 SMALLEST, LARGEST_DENORMAL = 5e-324, 2.2250738585072009e-308

@@ -11,15 +11,14 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from thirdbody.assembly.simulation import build
-from thirdbody.engine import explicit
-from thirdbody.engine import remote_rows as module
+from thirdbody.engine import explicit, neighbours
 from thirdbody.engine.meeting import may_have_touched
+from thirdbody.engine.neighbours import remote_rows
 from thirdbody.engine.placed import FEWEST, in_columns
-from thirdbody.engine.remote_rows import remote_rows
 from thirdbody.engine.state import orientations
 from thirdbody.kernels.bodies import BODIES
 from thirdbody.kernels.explicit.contact_forces import GROUP
-from thirdbody.kernels.implicit.tables import sphere_path
+from thirdbody.kernels.step_tables import sphere_path
 from thirdbody.kernels.tables import body
 from thirdbody.scene.model import Scene
 
@@ -74,7 +73,7 @@ def test_rows_that_are_used_again_change_no_bit(sheared, monkeypatch):
     make, advance = sheared
     states, used = [], []
     for few, threads in ((10**9, 1), (0, 1), (0, 2)):
-        monkeypatch.setattr(module, "FEW", few)
+        monkeypatch.setattr(neighbours, "FEW", few)
         monkeypatch.setattr(explicit.ThreadTuner, "threads", lambda *_, count=threads: count)
         simulation = make(3000)
         advance(simulation, 60)  # several searches
@@ -88,7 +87,7 @@ def test_rows_that_are_used_again_change_no_bit(sheared, monkeypatch):
 
 def test_parts_that_run_at_the_same_time_share_no_row(monkeypatch):
     """A chain of six groups, of which each acts on the next one, in two parts of three."""
-    monkeypatch.setattr(module, "FEW", 0)
+    monkeypatch.setattr(neighbours, "FEW", 0)
     body, five = np.arange(6) * GROUP * BODIES, np.arange(5)
     slots = SimpleNamespace(outer=five, own=five, remote_body=body[1:], lowest=np.array([0, 0, 1, 2, 3, 4]))
     rows = remote_rows(slots, body, 2)

@@ -21,7 +21,7 @@ from thirdbody.runner.resume import resume
 from thirdbody.runner.run_loop import WallTimes
 from thirdbody.runner.simulate import execute, run
 from thirdbody.scene.model import Scene
-from thirdbody.scene.speed_scale import at_speed
+from thirdbody.scene.speed import at_speed
 from thirdbody.trajectory.reader import open_run
 
 BALL = '[[debris]]\nmaterial = "steel"\nkind = "spheres"\nradius = "5 um"\n'

@@ -11,7 +11,7 @@ from thirdbody.errors import InputError
 from thirdbody.kernels.plates import BASINS
 from thirdbody.kernels.tables import body, body_extra
 from thirdbody.scene.model import Scene
-from thirdbody.scene.toml_writer import toml_text
+from thirdbody.schema.write import toml_text
 
 UPPER = 'support = "load_per_particle"\nload = "0.1 mN"\nmotion = {{x = {{velocity = "-0.01 m/s"}}{motion}}}\n{more}'
 DEBRIS = '[[debris]]\nmaterial = "steel"\nkind = "spots"\n{keys}'

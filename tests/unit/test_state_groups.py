@@ -12,13 +12,13 @@ from matplotlib.colors import to_hex
 
 import thirdbody
 from thirdbody.errors import InputError
-from thirdbody.export.csv_tables import export_csv
+from thirdbody.export.tables import export_csv
 from thirdbody.palette import STATE_COLORS
 from thirdbody.plot.summary_page import page
 from thirdbody.render.picture_data import read_picture_data
 from thirdbody.report.tables import run_report, states_report
-from thirdbody.trajectory.schema import Frame
-from thirdbody.trajectory.state_groups import _load_fractions, _size_classes, states_by_group
+from thirdbody.trajectory.names import Frame
+from thirdbody.trajectory.states import _load_fractions, _size_classes, states_by_group
 from thirdbody.trajectory.writer import TrajectoryWriter
 
 SCENES = Path(__file__).parents[2] / "scenes"

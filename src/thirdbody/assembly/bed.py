@@ -15,17 +15,17 @@ from thirdbody.assembly.inertial_number import SLOW as NEGLIGIBLE
 from thirdbody.assembly.inertial_number import shortest_stroke
 from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.assembly.schedule import first_load, schedule
-from thirdbody.dimensions import DIMENSIONS
 from thirdbody.engine.placed import Placed
 from thirdbody.engine.upper_plate import ends_of
 from thirdbody.errors import InputError
 from thirdbody.granular_flow import FAST, LAYERS, SLOW, friction_increase, inertial_number, median_by_mass, softness
 from thirdbody.laws.contract import BodyEffect, Law
 from thirdbody.laws.hertz import e_star
-from thirdbody.scene.cross_checks import ALONE, NO_BED, RESTS
+from thirdbody.scene.checks import ALONE, NO_BED, RESTS
 from thirdbody.scene.model import Scene
-from thirdbody.scene.schema_base import Location
-from thirdbody.scene.speed_scale import at_speed
+from thirdbody.scene.speed import at_speed
+from thirdbody.schema.parts import Location
+from thirdbody.units import DIMENSIONS
 
 KEY: Location = ("solver", "inertial_number")
 

@@ -5,10 +5,10 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 from thirdbody.bodies.clump import Clump, impossible_moments
+from thirdbody.debris.contract import PlacedClumps, PopulationContext, RandomStreams
 from thirdbody.errors import InputError, UsageError
-from thirdbody.scene.debris.population import PlacedClumps, PopulationContext, RandomStreams
 from thirdbody.scene.model import Scene
-from thirdbody.scene.schema_base import key_location
+from thirdbody.schema.parts import key_location
 
 
 def population_context(scene: Scene, index: int, warnings: list[str]) -> PopulationContext:

@@ -12,7 +12,7 @@ from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.assembly.upper_plate import Upper
 from thirdbody.engine.accuracy import Accuracy
 from thirdbody.engine.islands import LARGEST, ExpectedIslands, expected_islands
-from thirdbody.engine.state import RAYLEIGH_FRACTION, State, rayleigh_time
+from thirdbody.engine.state import RAYLEIGH_FRACTION, State, rayleigh_times
 from thirdbody.engine.units import EXPLICIT
 from thirdbody.engine.upper_plate import ends_of
 from thirdbody.errors import InputError
@@ -169,7 +169,7 @@ def expected_steps(scene: Scene, choice: CompiledPhysics, state: State, upper: U
     else:
         path = solver.distance or 0.0
         sliding = schedule.time_of(path, upper.settle) - upper.settle
-    rayleigh = np.array([rayleigh_time(1.0, m) for m in choice.materials])[state.material] * state.rayleigh_radius
+    rayleigh = rayleigh_times(state, choice.materials)
     explicit = (upper.settle + sliding) / (EXPLICIT_STEP * float(rayleigh.min()))
     implicit = PRESSING + path * (PER_DIAMETER / diameter + PER_REVERSAL / shortest_stroke(schedule))
     implicit *= BALL + (1.0 - BALL) * float(np.mean(np.diff(state.start) > 1))

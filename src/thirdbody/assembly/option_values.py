@@ -8,8 +8,8 @@ from thirdbody import units
 from thirdbody.errors import Fault, nearest
 from thirdbody.laws.contract import PAIR_KEYS, BodyEffect, Law, Option, SpotInteraction
 from thirdbody.laws.measures import Measure
-from thirdbody.scene.field_types import as_float, show
 from thirdbody.scene.model import Scene
+from thirdbody.schema.fields import as_float, show
 
 Effect = Law | BodyEffect | SpotInteraction
 

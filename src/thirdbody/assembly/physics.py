@@ -9,8 +9,7 @@ import numpy as np
 
 from thirdbody.assembly.option_values import effect_values, option_values, pair_value_faults
 from thirdbody.assembly.schedule import chosen_memory
-from thirdbody.engine.measures import Measures
-from thirdbody.engine.state import Physics
+from thirdbody.engine.state import Measures, Physics
 from thirdbody.errors import Fault, InputError, UsageError, nearest, short
 from thirdbody.laws.compose import Chain, compose, compose_effects, compose_labeller
 from thirdbody.laws.contract import BodyEffect, Labeller, Law, LawFamily, Material, Pair, SpotInteraction

@@ -10,10 +10,9 @@ from thirdbody.bodies.dense_packing import pack
 from thirdbody.bodies.layer_packing import place_layer
 from thirdbody.bodies.random_sequential import scatter
 from thirdbody.bodies.resting_poses import headed, settle_all
+from thirdbody.debris.contract import CLEARANCE, PopulationContext
 from thirdbody.errors import Fault, InputError
 from thirdbody.rotations import to_world
-from thirdbody.scene.debris.contract import CLEARANCE
-from thirdbody.scene.debris.population import PopulationContext
 from thirdbody.scene.model import Scene
 
 LAYER_STREAM, DILUTE_STREAM, DENSE_STREAM = 1_000_003, 1_000_033, 1_000_037

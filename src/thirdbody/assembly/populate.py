@@ -12,12 +12,12 @@ from thirdbody.assembly.clumps import make_bodies, read_populations
 from thirdbody.assembly.placement import place_bodies, refuse_placements, spheres_of
 from thirdbody.assembly.rough_start import depth_in_lower, lift_bodies
 from thirdbody.bodies.layer_packing import overlaps
+from thirdbody.debris.contract import UPRIGHT, PlacedClumps
 from thirdbody.engine.placed import Placed
 from thirdbody.errors import Fault, InputError
 from thirdbody.kernels.tables import EVERYTHING, ONLY_UPPER
-from thirdbody.scene.debris.population import UPRIGHT, PlacedClumps
-from thirdbody.scene.field_types import AT_REST
 from thirdbody.scene.model import Scene
+from thirdbody.schema.fields import AT_REST
 from thirdbody.surfaces.surface import Surface
 
 UNPLACED = (float("nan"),) * 3

@@ -13,9 +13,8 @@ from thirdbody.engine.upper_plate import Axis, Schedule, Segment, at_time
 from thirdbody.errors import InputError
 from thirdbody.kernels.schedule import POLYNOMIAL, SINE, TRIANGLE
 from thirdbody.laws.memory import MEMORY
-from thirdbody.scene.load_history import Load
 from thirdbody.scene.model import Scene
-from thirdbody.scene.motion import Constant, Pause, Ramp, Stroke
+from thirdbody.scene.motion import Constant, Load, Pause, Ramp, Stroke
 
 MAX_BYTES = 100 * MAX_ROWS
 """Bytes of the largest file: rows of two numbers of 15 digits take half of it."""

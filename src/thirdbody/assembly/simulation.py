@@ -36,9 +36,8 @@ from thirdbody.kernels.tables import EVERYTHING
 from thirdbody.laws.contract import Labeller
 from thirdbody.laws.hertz import dundurs_beta
 from thirdbody.laws.registry import Registry, discover
-from thirdbody.scene.cross_checks import too_long, too_long_message
+from thirdbody.scene.checks import too_long, too_long_message, unusual_values
 from thirdbody.scene.model import Scene
-from thirdbody.scene.plausibility import unusual_values
 from thirdbody.surfaces.surface import Surface
 
 if TYPE_CHECKING:
@@ -180,7 +179,7 @@ def build(
     rough = plate_surfaces(scene)
     choice = compile_physics(scene, registry)
     refuse_curvature(scene, rough, choice.chain.laws)
-    warnings = [*unusual_values(scene), *surface_notes(rough), *_similarity_warnings(choice)]
+    warnings = [*unusual_values(scene.materials, scene.pairs), *surface_notes(rough), *_similarity_warnings(choice)]
     if choice.physics.stiffness is None:
         bare = ", ".join(choice.chain.without_tangent)
         warnings.append(f"{bare} has no tangent: the time step follows from the Rayleigh time alone")

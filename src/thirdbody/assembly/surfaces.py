@@ -12,11 +12,9 @@ from thirdbody.engine.state import World
 from thirdbody.errors import Fault, InputError
 from thirdbody.laws.contract import Law
 from thirdbody.laws.hertz import HERTZ
-from thirdbody.quantity import percent
 from thirdbody.scene.model import Scene
-from thirdbody.scene.schema_base import key_location
-from thirdbody.scene.surface_checks import SIDES, spacing_of
-from thirdbody.scene.surfaces import Groove, SelfAffine, Sine, SurfaceFile, Waves
+from thirdbody.scene.surfaces import SIDES, Groove, SelfAffine, Sine, SurfaceFile, Waves, spacing_of
+from thirdbody.schema.parts import key_location
 from thirdbody.surfaces import grid
 from thirdbody.surfaces.periodic_scan import ScanOptions, periodic_scan
 from thirdbody.surfaces.read_scan import read_scan
@@ -24,7 +22,7 @@ from thirdbody.surfaces.self_affine import Spectrum, self_affine
 from thirdbody.surfaces.statistics import Statistics
 from thirdbody.surfaces.surface import Surface, about_mean_plane
 from thirdbody.surfaces.waves import GrooveProfile, groove_heights, phases, sine_heights
-from thirdbody.units import pretty
+from thirdbody.units import percent, pretty
 
 Size = tuple[float, float]
 

@@ -179,7 +179,7 @@ def plot(
     from thirdbody.studies.folder import is_sweep_folder
 
     if is_sweep_folder(run):
-        from thirdbody.studies.sweep import Sweep
+        from thirdbody.sweeps import Sweep
 
         Sweep(run).plot(out, panel, x, y)
         print_line(out)

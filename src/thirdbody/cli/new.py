@@ -27,7 +27,7 @@ def new(
 ) -> None:
     """Write a small scene to start from, a copy of a shipped one, or a plug-in."""
     from thirdbody.cli.starter_files import copy_scene, copy_template, next_command, write_new
-    from thirdbody.scene.template import TEMPLATE
+    from thirdbody.scene.keys import TEMPLATE
 
     if listed:
         _list(json)

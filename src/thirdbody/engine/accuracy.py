@@ -1,4 +1,4 @@
-"""Settings of the step control of the implicit integrator."""
+"""Accuracy of the implicit integrator: settings of its step control, causes that limit steps, and the energy that it creates."""
 
 import math
 from dataclasses import dataclass
@@ -6,7 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from thirdbody.engine.state import Array, State
-from thirdbody.kernels.implicit.tables import step_settings
+from thirdbody.kernels.implicit.control import CAUSES, OF_A_BODY, WORDS
+from thirdbody.kernels.step_tables import step_memory, step_settings
+from thirdbody.kernels.tables import body, body_extra, patch, run_totals
 
 SHORTEST = 1e-6
 """Length of the shortest trial step, in Rayleigh times."""
@@ -52,3 +54,71 @@ class Accuracy:
         springs = any(name.endswith(".field[0]") for name in state.physics.history)
         V[step_settings.WORK] = (WORK_OF_SPRINGS if springs else WORK) * self.tolerance
         return V
+
+
+CREATED_ENERGY_GUARD = 0.1
+"""Largest created energy over the exchanged energy, for each body and for all. Valid runs stay below 0.05 for a single body at
+the very start, and below 0.005 later."""
+
+NEGLIGIBLE = 0.01
+"""Exchanged energy below which that of a body is no scale, as a fraction of the mean of all bodies. The tolerance of a step is a
+length, which does not resolve the weak impacts of bodies that carry no load between rough plates: they may create a tenth of what
+they exchange, a millionth of what a loaded body exchanges."""
+
+
+def causes(memory: Array) -> Array:
+    """Return the number of steps of each body limited by each cause: a view of these columns."""
+    return memory[:, step_memory.LIMITED : step_memory.LIMITED + len(CAUSES)]
+
+
+def limited_by(memory: Array) -> dict[str, int]:
+    """Return the number of steps limited by each cause, most frequent first, without zeros."""
+    counts = causes(memory).sum(axis=0)
+    return {CAUSES[k]: int(counts[k]) for k in np.argsort(-counts, kind="stable") if counts[k] > 0.0}
+
+
+def limiting_body(memory: Array, order: np.ndarray) -> dict[str, int]:
+    """Return the body (number in the scene) that has limited most steps, and how many."""
+    steps = memory[:, step_memory.LIMITED : step_memory.LIMITED + OF_A_BODY].sum(axis=1)
+    body = int(np.argmax(steps))
+    return {"body": int(order[body]), "steps": int(steps[body])}
+
+
+def in_words(steps: Array, order: np.ndarray) -> str:
+    """Return as text the most frequent cause in `steps` (`causes`), its fraction, the body most affected; "" without steps."""
+    counts = steps.sum(axis=0)
+    if not counts.sum() > 0.0:
+        return ""
+    k = int(np.argmax(counts))
+    fraction = f"{100.0 * counts[k] / counts.sum():.0f} % of steps limited by {WORDS[k]}"
+    if len(steps) == 1 or k >= OF_A_BODY:
+        return fraction
+    return f"{fraction}, most of them of body {order[int(np.argmax(steps[:, k]))]}"
+
+
+def created_fractions(totals: Array, stored: Array, whole: Array) -> tuple[Array, float]:
+    """Return the energy created by the integrator (negative: lost) over the exchanged energy: of each body (n,), and of all.
+
+    `totals`: (n, run_totals.WIDTH); `stored`: kinetic and elastic energy (n,) [J]; `whole`: totals of the run, with those of a
+    common plate. A body exchanges the largest of: sum of |plate work increments|; |work of effects|; dissipated plus stored
+    energy; and at least NEGLIGIBLE times the mean.
+    """
+
+    def exchanged(totals: Array, stored: Array) -> Array:
+        spent = totals[:, run_totals.FRICTION_WORK] + totals[:, run_totals.DAMPING_WORK] + stored
+        return np.maximum(np.maximum(totals[:, run_totals.PLATE_WORK_SIZE], np.abs(totals[:, run_totals.EFFECT_WORK])), spent)
+
+    scales, all_scale = exchanged(totals, stored), float(exchanged(whole[None], stored.sum())[0])
+    if not all_scale > 0.0:
+        return np.zeros(len(totals)), 0.0
+    scales = np.maximum(scales, NEGLIGIBLE * all_scale / len(totals))
+    return -totals[:, run_totals.NUMERICAL_LOSS] / scales, -float(whole[run_totals.NUMERICAL_LOSS]) / all_scale
+
+
+def body_energies(state: State, stored: Array) -> Array:
+    """Return kinetic energy of each body and its free patch plus elastic energy `stored`, all (n,) [J]."""
+    B, E, P = state.B, state.E, state.P[state.patch]
+    kinetic = B[:, body.MASS] * np.sum(B[:, body.VELOCITY3] ** 2, axis=1)
+    kinetic += np.sum(E[:, body_extra.ANGULAR_MOMENTUM3] * B[:, body.SPIN3], axis=1)
+    kinetic += P[:, patch.FREE] * P[:, patch.MASS] * P[:, patch.VELOCITY] ** 2
+    return 0.5 * float(state.inertial) * kinetic + stored

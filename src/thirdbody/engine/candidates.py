@@ -43,10 +43,6 @@ class AllRows:
         """Number of columns of histories and of records."""
         return self.H.shape[1], self.R.shape[1]
 
-    def expected_bytes(self, _bodies: int) -> int:
-        """Return the bytes that the rows will take besides those of H and R: none."""
-        return 0
-
     def closed(self) -> Ints:
         """Return the numbers of the closed candidates."""
         return np.flatnonzero(self.H[:, contact_state.SLIP] > 0.0)

@@ -9,25 +9,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from thirdbody.engine.implicit_stops import explain
 from thirdbody.engine.islands import BATCH
 from thirdbody.engine.state import Action, Array, State
-from thirdbody.engine.upper_plate import direct_loss, direct_reaction, value_before
+from thirdbody.engine.upper_plate import direct_reaction, value_before
 from thirdbody.errors import GuardStop
 from thirdbody.jit.threads import pieces_of
 from thirdbody.kernels.arguments import Motion
 from thirdbody.kernels.implicit import common_plate as kernel
+from thirdbody.kernels.implicit import control
 from thirdbody.kernels.implicit.control import EASY, NEARLY, StepLimit, Stop
 from thirdbody.kernels.implicit.residual import MAX_ROTATION
-from thirdbody.kernels.implicit.tables import body_solution, step_memory, step_settings
+from thirdbody.kernels.step_tables import body_solution, step_memory, step_settings
 from thirdbody.kernels.tables import LOWER, contact_state, patch, record, run_totals
-
-if TYPE_CHECKING:
-    from thirdbody.engine.implicit import Implicit
 
 FEWEST = 8
 """Fewest bodies of a piece of the work; small enough to spread a few bodies over all cores."""
@@ -36,30 +33,14 @@ CONVERGED, ROUNDS = 1e-8, 30
 """Tolerance of the residual force on the plate over its load and the bodies' forces; maximum corrections of its rise."""
 
 
-def own_patches(state: State) -> None:
-    """Give each body a copy of a plate of prescribed height, since bodies are at different times."""
-    if state.world.upper is not None and len(state.P) == 1 and state.patches.free[0] == 0.0:
-        state.P = np.repeat(state.P, state.n_bodies, axis=0)
-        state.patch = np.arange(state.n_bodies)
-
-
-class PlateStep(NamedTuple):
-    """Step of the plate: rise [m]; velocity [m/s] and acceleration [m/s2] at its end.
-
-    `rate`: change of the velocity with the rise [1/s]; `error` of the step over the tolerance.
-    """
-
-    displacement: float
-    velocity: float
-    acceleration: float
-    rate: float
-    error: float
+Step = tuple[float, float, float]
+"""Step of the plate: rise [m]; velocity [m/s] and acceleration [m/s2] at its end."""
 
 
 class CommonPlate:
-    """A free plate that all bodies carry, the last patch: it makes the steps of an implicit integrator."""
+    """A free plate that all bodies carry, the last patch: it makes the steps of an `Implicit`, which builds on this module."""
 
-    def __init__(self, integrator: Implicit, state: State) -> None:
+    def __init__(self, integrator: Any, state: State) -> None:
         self.integrator, upper = integrator, state.world.upper
         if len(state.P) == 1 and upper and not upper.foundation:
             # a rigid plate becomes the last row of the patches, and every body gets a copy that follows it
@@ -93,7 +74,6 @@ class CommonPlate:
             (watch if noted else between)()
 
     def _step(self, until: float) -> None:
-        """Make one step, shortened until it is accepted. Raises GuardStop if no step is."""
         one = self.integrator
         time, T, context = float(one.totals[0, run_totals.TIME]), self.memory, one.packed()
         end = kernel.next_breakpoint_after(time, context, until)
@@ -110,72 +90,75 @@ class CommonPlate:
             v_x, v_y = kernel.plate_velocity_of(time, context, dt)
             if one.schedule.load:  # at the end of a step that crosses no breakpoint
                 row[patch.LOAD] = row[patch.NOMINAL_LOAD] * value_before(one.schedule.load, time, time + dt)
-            step, converged = self._solve(dt, (v_x, v_y))
-            error = max(step.error, float(ends[:, body_solution.ERROR].max()))
+            step, error, converged = self._solve(dt, (v_x, v_y))
+            error = max(error, float(ends[:, body_solution.ERROR].max()))
             rotation = float(ends[:, body_solution.ROTATION].max())
             if converged and error <= 1.0 and rotation <= MAX_ROTATION:
                 break
             cuts += 1
-            body, cause = self._why(converged, error, rotation)
+            # the body that requires a shorter step, and why
+            cause, lost = control.why_cut.py_func(False, converged, error, rotation), ends[:, body_solution.SOLVED] == 0.0
+            worst = ends[:, body_solution.ROTATION if cause == StepLimit.ROTATION else body_solution.ERROR]
+            body = int(np.argmax(lost if lost.any() else worst))
+            cause = StepLimit.LANDING if ends[body, body_solution.LANDS] > 0.0 else cause
             self.each_island(kernel.restore_islands)
-            dt *= kernel.reduction(converged, error, rotation)
+            dt *= control.reduction_factor.py_func(converged, error, rotation)
             if dt < one.settings[step_settings.SHORTEST] or ends[:, body_solution.CROWDED].any():
-                self._refuse_unsolved()
+                if not lost.any():
+                    raise GuardStop(
+                        f"stopped at t = {time:.6g} s: no balance was found for the upper plate, which all bodies carry together"
+                    )
+                body = int(np.argmax(lost))
+                one.memory[body, step_memory.CODE] = Stop.CROWDED if ends[body, body_solution.CROWDED] > 0.0 else Stop.UNSOLVED
+                raise GuardStop(one.explain(body))
         self.each_island(kernel.accept_at, (end, whole, cuts), Motion(dt, v_x, v_y))
         self._accept(dt, step, load, (v_x, v_y))
         body = body if cuts else int(np.argmax(ends[:, body_solution.ERROR]))
         one.memory[body, step_memory.LIMITED + cause] += 1.0
         easy = ends[:, body_solution.ITERATIONS].max() <= 2 * EASY
-        kernel.set_common_length(T, one.accuracy.growth, dt, error, easy, cuts > 0, cause)
+        control.set_next_dt.py_func(T, one.accuracy.growth, dt, error, easy, cuts > 0, cause)
         if whole and kernel.next_breakpoint_after(time, context, math.inf) <= end:
             one.memory[:, step_memory.LAST_DT] = T[step_memory.LAST_DT] = 0.0
 
-    def _why(self, converged: bool, error: float, rotation: float) -> tuple[int, int]:
-        """Return the body that requires a shorter step, and the cause (as `control.why_cut`)."""
-        one = self.integrator
-        lost = one.solutions[:, body_solution.SOLVED] == 0.0
-        by_rotation = converged and not (error > 1.0 and 1.0 / math.sqrt(error) < MAX_ROTATION / max(rotation, 1e-30))
-        worst = one.solutions[:, body_solution.ROTATION if by_rotation else body_solution.ERROR]
-        body = int(np.argmax(lost if lost.any() else worst))
-        if one.solutions[body, body_solution.LANDS] > 0.0:
-            return body, StepLimit.LANDING
-        return body, StepLimit.ROTATION if by_rotation else (StepLimit.ERROR if converged else StepLimit.NEWTON)
-
-    def _solve(self, dt: float, velocity: tuple[float, float]) -> tuple[PlateStep, bool]:
-        """Solve for the rise at equilibrium of the plate; return the plate's step and whether it converged."""
-        one = self.integrator
+    def _solve(self, dt: float, velocity: tuple[float, float]) -> tuple[Step, float, bool]:
+        """Return the step of the plate to its equilibrium, its error over the tolerance, and whether it was found."""
+        one, T = self.integrator, self.memory
         row, first_iteration, now = one.state.P[-1], True, float(one.state.P[-1, patch.VELOCITY])
         displacement, low, high = now * dt, -math.inf, math.inf
         for _ in range(ROUNDS):
             self.each_island(kernel.solve_at, first_iteration, displacement, Motion(dt, *velocity))
             first_iteration, radius = False, float(one.memory[:, step_memory.CONTACT_RADIUS].max())
-            speed, acceleration, rate, error = kernel.plate_motion(self.memory, one.settings, displacement, now, radius, dt)
-            step = PlateStep(displacement, speed, acceleration if one.accuracy.inertia else 0.0, rate, error)
+            ratio, last_change = control.step_ratio.py_func(T, one.settings, dt), T[step_memory.LAST_DRISE]
+            weight, before = control.bdf2_weights.py_func(ratio)
+            speed = (weight * displacement - before * T[step_memory.LAST_COORDINATES + 6]) / dt
+            acceleration = (weight * (speed - now) - before * last_change) / dt if one.accuracy.inertia else 0.0
+            error = control.error_of_change.py_func(abs(speed - now - ratio * last_change), radius, ratio, one.settings, dt)
+            step, rate = (displacement, speed, acceleration), weight / dt  # and the change of the speed with the rise [1/s]
             if not one.solutions[:, body_solution.SOLVED].all():
-                return step, False
+                return step, error, False
             push, slope = (float(one.solutions[:, column].sum()) for column in (body_solution.PUSH, body_solution.SLOPE))
             direct, direct_stiffness = direct_reaction(row, displacement)
             push, slope = push + direct, slope - direct_stiffness
-            force = push - row[patch.LOAD] - row[patch.DAMPING] * step.velocity - row[patch.MASS] * step.acceleration
-            scale = abs(push) + max(row[patch.LOAD], row[patch.NOMINAL_LOAD]) + row[patch.MASS] * abs(step.acceleration)
-            scale += row[patch.DAMPING] * abs(step.velocity)
+            force = push - row[patch.LOAD] - row[patch.DAMPING] * speed - row[patch.MASS] * acceleration
+            scale = abs(push) + max(row[patch.LOAD], row[patch.NOMINAL_LOAD]) + row[patch.MASS] * abs(acceleration)
+            scale += row[patch.DAMPING] * abs(speed)
             if abs(force) <= CONVERGED * scale:
-                return step, True
+                return step, error, True
             low, high = (displacement, high) if force > 0.0 else (low, displacement)
-            slope -= row[patch.DAMPING] * step.rate + float(one.accuracy.inertia) * row[patch.MASS] * step.rate * step.rate
+            slope -= row[patch.DAMPING] * rate + float(one.accuracy.inertia) * row[patch.MASS] * rate * rate
             # limited downwards: the force of the bodies grows faster than its slope predicts
             change = max(-force / slope, -self._yielding()) if slope < 0.0 else math.copysign(self._yielding(), force)
             displacement = displacement + change if low < displacement + change < high else 0.5 * (low + high)
             if not math.isfinite(displacement) or high - low <= 1e-15 * abs(displacement):
-                return step, abs(force) <= 1e-5 * scale
-        return step, False
+                return step, error, abs(force) <= 1e-5 * scale
+        return step, error, False
 
     def each_island(self, kernel_of_pieces: Callable[..., None], *step: Any) -> None:
         islands = self.integrator.islands
         self.integrator.each_island(islands.pieces or pieces_of(0, islands.count, FEWEST), kernel_of_pieces, *step)
 
     def _yielding(self) -> float:
-        """Return the largest descent [m] of the plate in one correction: half the largest or expected overlap."""
+        """Largest descent [m] of the plate in one correction: half the largest or expected overlap."""
         one = self.integrator
         H, R = one.state.slots.H, one.state.slots.R
         max_overlap = float(np.max(R[:, record.OVERLAP], where=H[:, contact_state.SLIP] > 0.0, initial=0.0))
@@ -192,37 +175,28 @@ class CommonPlate:
         self.memory[step_memory.CONTACT_RADIUS] = radii.min()
         return kernel.common_step_length(self.memory, time, one.packed(), end)
 
-    def _accept(self, dt: float, step: PlateStep, load: float, velocity: tuple[float, float]) -> None:
+    def _accept(self, dt: float, step: Step, load: float, velocity: tuple[float, float]) -> None:
         """Move the plate, and book its energy; `load`: load [N] at the start of the step."""
         one = self.integrator
-        T, row = self.memory, one.state.P[-1]
+        T, row, (path, velocity_after, acceleration) = self.memory, one.state.P[-1], step
         before = float(row[patch.VELOCITY])
         old = 0.5 if T[step_memory.LAST_DT] > 0.0 else 0.0
         carried = (1.0 - old) * float(row[patch.LOAD]) + old * load
-        mass, work = float(row[patch.MASS]), -carried * step.displacement
-        kinetic = 0.5 * mass * (step.velocity**2 - before**2) * float(one.accuracy.inertia)
+        mass, work = float(row[patch.MASS]), -carried * path
+        kinetic = 0.5 * mass * (velocity_after**2 - before**2) * float(one.accuracy.inertia)
         self.totals[run_totals.PLATE_WORK] += work
         self.totals[run_totals.PLATE_WORK_SIZE] += abs(work)
-        dashpot_work = float(row[patch.DAMPING]) * step.displacement**2 / dt
+        dashpot_work = float(row[patch.DAMPING]) * path**2 / dt
         self.totals[run_totals.DAMPING_WORK] += dashpot_work
-        lost = float(row[patch.DAMPING]) * step.velocity * step.displacement - dashpot_work
-        lost += (float(row[patch.LOAD]) - carried) * step.displacement
-        self.totals[run_totals.NUMERICAL_LOSS] += mass * step.acceleration * step.displacement - kinetic + lost
-        T[step_memory.LAST_COORDINATES + 6], T[step_memory.LAST_DRISE] = step.displacement, step.velocity - before
+        lost = float(row[patch.DAMPING]) * velocity_after * path - dashpot_work
+        lost += (float(row[patch.LOAD]) - carried) * path
+        self.totals[run_totals.NUMERICAL_LOSS] += mass * acceleration * path - kinetic + lost
+        T[step_memory.LAST_COORDINATES + 6], T[step_memory.LAST_DRISE] = path, velocity_after - before
         T[step_memory.LAST_DT] = dt
-        row[patch.HEIGHT] += step.displacement
-        row[patch.VELOCITY] = step.velocity
+        row[patch.HEIGHT] += path
+        row[patch.VELOCITY] = velocity_after
         if row[patch.DIRECT_PREFACTOR] > 0.0:
             kernel.book_direct(self.totals, one.state.P, dt, *velocity, old)
-            self.totals[run_totals.NUMERICAL_LOSS] += direct_loss(row, step.displacement)
-
-    def _refuse_unsolved(self) -> None:
-        """Raise GuardStop for the first body that did not converge, otherwise for the plate."""
-        one = self.integrator
-        lost = np.flatnonzero(one.solutions[:, body_solution.SOLVED] == 0.0)
-        if not len(lost):
-            when = f"stopped at t = {one.totals[0, run_totals.TIME]:.6g} s"
-            raise GuardStop(f"{when}: no balance was found for the upper plate, which all bodies carry together")
-        crowded = one.solutions[lost[0], body_solution.CROWDED] > 0.0
-        one.memory[lost[0], step_memory.CODE] = Stop.CROWDED if crowded else Stop.UNSOLVED
-        raise GuardStop(explain(one, int(lost[0])))
+            # the force at the end of the step acts all along
+            first, last = direct_reaction(row, -path)[0], direct_reaction(row, 0.0)[0]
+            self.totals[run_totals.NUMERICAL_LOSS] += (first - last) * float(row[patch.DIRECT_LENGTH]) - last * path

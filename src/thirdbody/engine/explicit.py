@@ -8,12 +8,9 @@ import numpy as np
 
 from thirdbody.engine.candidates import AllRows, Numbers
 from thirdbody.engine.guards import name_of, partner_of, set_guards
-from thirdbody.engine.labels import labels
-from thirdbody.engine.measures import update_measures
-from thirdbody.engine.neighbours import plate_pairs, search
-from thirdbody.engine.remote_rows import force_rows, remote_rows
-from thirdbody.engine.state import SUMMED, Action, Array, State, refresh_spheres, table, unite
-from thirdbody.engine.step_arguments import constant_arguments, table_arguments
+from thirdbody.engine.measures import labels, update_measures
+from thirdbody.engine.neighbours import force_rows, plate_pairs, remote_rows, search
+from thirdbody.engine.state import SUMMED, Action, Array, State, constant_arguments, refresh_spheres, table, table_arguments
 from thirdbody.engine.time_step import Bound, bound
 from thirdbody.errors import GuardStop
 from thirdbody.jit.arguments import Packer, address
@@ -23,9 +20,9 @@ from thirdbody.kernels.arguments import KINDS, WORK, Context
 from thirdbody.kernels.explicit import contact_forces as contact_pass
 from thirdbody.kernels.explicit import step_loop
 from thirdbody.kernels.explicit.passes import work
-from thirdbody.kernels.explicit.tables import body_force, chunk_motion, contact_sums, drift_scratch
 from thirdbody.kernels.minima import UPDATE, update
-from thirdbody.kernels.tables import domain, loaded_contact, run_totals
+from thirdbody.kernels.step_tables import body_force, chunk_motion, contact_sums, drift_scratch
+from thirdbody.kernels.tables import domain, loaded_contact, run_totals, sphere
 from thirdbody.laws.contract import Material
 
 BUDGET = 64
@@ -48,7 +45,10 @@ class Explicit:
         self.state, self.materials, self.fixed, self.force = state, materials, time_step, force
         set_guards(state)
         state.summed = True
-        unite(state)
+        if state.n_spheres == state.n_bodies and not state.offsets.any():
+            # all bodies are single centred spheres: one table for both halves the memory traffic
+            state.B[:, sphere.RADIUS], state.sphere_table = state.S[:, sphere.RADIUS], state.B
+            refresh_spheres(state)
         self.bound: Bound | None = None
         self.tightest: Bound | None = None
         self.waiting: list[float] = []  # bounds since the last change of the step, all larger than the step
@@ -167,7 +167,6 @@ class Explicit:
         return int(step_loop.parts_of.py_func(len(self.moved), threads))
 
     def _context(self, threads: int = 1) -> Array:
-        """Return the packed kernel arguments for so many threads."""
         slots, parts = self.state.slots, self._parts(threads)
         if parts not in self.rows_of_parts:
             rows = remote_rows(slots, self.state.body, parts)
@@ -226,13 +225,10 @@ class Explicit:
         limit, steps = self.tightest, int(self.state.A[run_totals.STEPS])
         assert limit is not None
         return {
-            "integrator": "explicit",
-            "steps": steps,
-            "sphere_steps": steps * self.state.n_spheres,
-            "searches": self.state.searches,
-            "time_step": self.state.dt,
+            "integrator": "explicit", "steps": steps, "sphere_steps": steps * self.state.n_spheres,
+            "searches": self.state.searches, "time_step": self.state.dt,
             "time_step_limit": {"mechanism": limit.mechanism, "body": limit.body, "smallest": limit.step},
-        }
+        }  # fmt: skip
 
     def label(self) -> np.ndarray:
         """Return state, reason, margins and extras of each body now (columns named by the labeller)."""

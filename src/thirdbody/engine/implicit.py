@@ -16,17 +16,15 @@ from typing import Any
 
 import numpy as np
 
-from thirdbody.engine import implicit_stops as stops
-from thirdbody.engine.accuracy import Accuracy
-from thirdbody.engine.common_plate import CommonPlate, own_patches
-from thirdbody.engine.guards import name_of, set_guards
+from thirdbody.engine import accuracy as limits
+from thirdbody.engine.accuracy import CREATED_ENERGY_GUARD, Accuracy
+from thirdbody.engine.common_plate import CommonPlate
+from thirdbody.engine.guards import name_of, partner_of, set_guards
 from thirdbody.engine.islands import BATCH, Islands, ThreadScratch, island_stride, single_bodies
-from thirdbody.engine.labels import labels
-from thirdbody.engine.measures import update_measures
+from thirdbody.engine.measures import labels, update_measures
 from thirdbody.engine.meeting import Meeting
 from thirdbody.engine.neighbours import search, update_closest_points
-from thirdbody.engine.state import SUMMED, Action, Array, State, rayleigh_times
-from thirdbody.engine.step_arguments import constant_arguments, table_arguments
+from thirdbody.engine.state import SUMMED, Action, Array, State, constant_arguments, rayleigh_times, table_arguments
 from thirdbody.engine.upper_plate import at_time
 from thirdbody.errors import GuardStop
 from thirdbody.jit.arguments import Packer, address
@@ -34,9 +32,10 @@ from thirdbody.jit.threads import distribute, parts_of
 from thirdbody.kernels.arguments import LAW
 from thirdbody.kernels.implicit import books, driver, pairs, rough, spots_part
 from thirdbody.kernels.implicit.control import StepLimit, Stop
-from thirdbody.kernels.implicit.tables import body_solution, sphere_path, step_memory, step_start
 from thirdbody.kernels.implicit.workspace import FREEDOMS, ISLANDS, KINDS, PART, STAGE, UPDATE_MINIMA, ImplicitContext
-from thirdbody.kernels.tables import patch, run_totals, surface_contact
+from thirdbody.kernels.step_tables import body_solution, sphere_path, step_memory, step_settings, step_start
+from thirdbody.kernels.tables import domain, patch, run_totals, surface_contact
+from thirdbody.kernels.tile import TILE
 from thirdbody.laws.contract import Material
 
 CALL, PACE, FEW = 1.0, 1e4, 8.0
@@ -78,7 +77,9 @@ class Implicit:
         self.schedule = state.world.schedule
         self.drag = np.array(self.schedule.direction())
         self.rayleigh = float(rayleigh_times(state, materials).min())
-        own_patches(state)
+        if state.world.upper is not None and len(state.P) == 1 and state.patches.free[0] == 0.0:
+            # a copy of a plate of prescribed height for each body, since bodies are at different times
+            state.P, state.patch = np.repeat(state.P, state.n_bodies, axis=0), np.arange(state.n_bodies)
         self.totals = np.zeros((state.n_bodies, run_totals.WIDTH))
         shared = state.n_bodies if together else 0
         self.starts, self.ends = np.zeros((shared, step_start.WIDTH)), np.zeros((shared, FREEDOMS))
@@ -101,7 +102,7 @@ class Implicit:
         self.islands: Islands
         self._mapped = bool(len(state.maps))
         self.pace = PACE  # trial steps per second in the last call
-        self._reported, self._limit = stops.causes(self.memory).copy(), ""  # counters and text of the last `describe_limit`
+        self._reported, self._limit = limits.causes(self.memory).copy(), ""  # counters and text of the last `describe_limit`
 
     @property
     def meets(self) -> bool:
@@ -256,12 +257,10 @@ class Implicit:
         )  # fmt: skip
 
     def _summed(self) -> Array:
-        """Return the totals summed over all bodies, and those of a common plate."""
         summed = self.totals.sum(axis=0)
         return summed + self.plate.totals if self.plate else summed
 
     def _sum_up(self, time: float, distance: float) -> None:
-        """Update the totals of the run from those of the bodies."""
         A, P, summed, upper = self.state.A, self.state.P, self._summed(), self.state.world.upper
         for column in (*SUMMED, run_totals.NUMERICAL_LOSS, run_totals.STEPS):
             A[column] = summed[column]
@@ -281,23 +280,23 @@ class Implicit:
         if self.accuracy.skip_unsolved:
             stopped = stopped[codes[stopped] != Stop.UNSOLVED]
         if len(stopped):
-            raise GuardStop(stops.explain(self, int(stopped[0])))
+            raise GuardStop(self.explain(int(stopped[0])))
 
     def refuse_created_energy(self) -> None:
-        """Raise GuardStop if the integrator has created more than stops.CREATED_ENERGY_GUARD of the exchanged energy."""
-        stored = stops.body_energies(self.state, self.memory[:, step_memory.STORED])
-        built, whole = stops.created_fractions(self.totals, stored, self._summed())
+        """Raise GuardStop if the integrator has created more than CREATED_ENERGY_GUARD of the exchanged energy."""
+        stored = limits.body_energies(self.state, self.memory[:, step_memory.STORED])
+        built, whole = limits.created_fractions(self.totals, stored, self._summed())
         body = int(np.argmax(built))
-        if built[body] > stops.CREATED_ENERGY_GUARD:
+        if built[body] > CREATED_ENERGY_GUARD:
             fraction, who, when = built[body], name_of(body, self.state), self.totals[body, run_totals.TIME]
-        elif whole > stops.CREATED_ENERGY_GUARD:
+        elif whole > CREATED_ENERGY_GUARD:
             fraction, who, when = whole, "all bodies and the upper plate together", self.totals[:, run_totals.TIME].min()
         else:
             return
         inertia = "" if self.accuracy.inertia else "solver.inertia = true, or "
         raise GuardStop(
             f"stopped at t = {when:.6g} s: the integrator has created energy: {100.0 * fraction:.0f} % of all that was exchanged "
-            f"(guard: {100.0 * stops.CREATED_ENERGY_GUARD:g} %), by {who}; {inertia}a smaller solver.tolerance or "
+            f"(guard: {100.0 * CREATED_ENERGY_GUARD:g} %), by {who}; {inertia}a smaller solver.tolerance or "
             f"solver.largest_step is needed, "
             "or a contact law that creates no energy (thirdbody laws --check)"
         )
@@ -308,23 +307,47 @@ class Implicit:
         total = max(float(steps.sum()), 1.0)
         lost = np.flatnonzero(T[:, step_memory.CODE] == Stop.UNSOLVED)
         return {
-            "integrator": "implicit",
-            "steps": int(steps.sum()),
-            "sphere_steps": int(steps @ np.diff(state.start)),
-            "steps_per_body": float(steps.mean()),
-            "longest_step": float(T[:, step_memory.LONGEST_DRAG].max()),
+            "integrator": "implicit", "steps": int(steps.sum()), "sphere_steps": int(steps @ np.diff(state.start)),
+            "steps_per_body": float(steps.mean()), "longest_step": float(T[:, step_memory.LONGEST_DRAG].max()),
             "iterations_per_step": float(T[:, step_memory.ITERATIONS].sum()) / total,
             "cuts_per_step": float(T[:, step_memory.CUTS].sum()) / total,
             "hard_steps": float(T[:, step_memory.HARD_STEPS].sum()) / total,
-            "steps_limited_by": stops.limited_by(T),
-            "limiting_body": stops.limiting_body(T, state.order),
-            "unsolved": {int(body): stops.explain(self, int(body)) for body in lost},
-        } | ({"islands": self.meeting.summary()} if self.meeting else {})
+            "steps_limited_by": limits.limited_by(T), "limiting_body": limits.limiting_body(T, state.order),
+            "unsolved": {int(body): self.explain(int(body)) for body in lost},
+        } | ({"islands": self.meeting.summary()} if self.meeting else {})  # fmt: skip
+
+    def explain(self, body: int) -> str:
+        """Return what stopped a body, when, and what can be done."""
+        s, totals = self.state, self.totals[body]
+        code, when = int(self.memory[body, step_memory.CODE]), f"stopped at t = {totals[run_totals.TIME]:.6g} s"
+        who = name_of(body, s)
+        if code == Stop.OVERLAP:
+            slot = int(self.memory[body, step_memory.SLOT])
+            own, partner = int(s.slots.own[slot]), int(s.slots.partner[slot])
+            radius = s.spheres.radius[own] if partner < 0 else min(s.spheres.radius[own], s.spheres.radius[partner])
+            ratio, limit = s.slots.records.overlap[slot] / radius, s.D[domain.OVERLAP_GUARD]
+            text = f"sinks into {partner_of(s, slot, body)} by {ratio:.2f} of the radius (guard: {limit:g})"
+            return f"{when}: {who} {text}; a lower load is needed"
+        if code == Stop.LEFT:
+            return f"{when}: {who} left the domain"
+        if code == Stop.CROWDED:
+            return f"{when}: {who} has more than {TILE} loaded spots, which the implicit integrator cannot hold"
+        if code == Stop.BAD_BODY:
+            return f"{when}: the position of body {s.order[body]} is not a number"
+        slots, loaded = s.slots, []
+        for entry in slots.incidence[slots.edges[body] : slots.edges[body + 1]]:
+            k = entry >> 1
+            if slots.histories.slip[k] > 0.0:
+                sphere = int((slots.partner[k] if entry & 1 else slots.own[k]) - s.start[body])
+                force, shear = slots.records.normal_force[k], float(np.linalg.norm(slots.records.tangential_force[k]))
+                loaded.append(f"sphere {sphere} on {partner_of(s, k, body)} with N = {force:.3g} N, T = {shear:.3g} N")
+        shortest, spots = self.settings[step_settings.SHORTEST], "; ".join(loaded) or "none"
+        return f"{when}: no step of {who} could be solved, down to {shortest:.2g} s; its loaded spots: {spots}"
 
     def describe_limit(self) -> str:
         """Return, as text, the most frequent step limit since the last call; empty before the first step."""
-        before, self._reported = self._reported, stops.causes(self.memory).copy()
-        self._limit = stops.in_words(self._reported - before, self.state.order) or self._limit
+        before, self._reported = self._reported, limits.causes(self.memory).copy()
+        self._limit = limits.in_words(self._reported - before, self.state.order) or self._limit
         return self._limit
 
     def mean_time(self) -> float:

@@ -2,7 +2,7 @@
 
 Bodies are advanced batch by batch, each by one of the threads. Only closed contacts keep their rows between two calls
 (`engine.candidates`); rows of all candidates of a body, and its spheres, exist while it is advanced, with the same bits
-(`kernels.implicit.ensemble`). A clump of six spheres then takes 3.5 kB, not 7.4.
+(`kernels.implicit.driver`). A clump of six spheres then takes 3.5 kB, not 7.4.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from thirdbody.engine.state import Array, State, table
 from thirdbody.jit.arguments import address
 from thirdbody.jit.threads import allowed_threads, distribute
 from thirdbody.kernels.implicit import driver
-from thirdbody.kernels.implicit.ensemble import OneBody, Span, advance_batch
+from thirdbody.kernels.implicit.driver import OneBody, Span, advance_batch
 from thirdbody.kernels.implicit.workspace import ADVANCE
 from thirdbody.kernels.memory import ClosedContacts
 from thirdbody.kernels.tables import sphere
@@ -47,7 +47,7 @@ class ImplicitEnsemble(Implicit):
         slots.rows = ClosedRows.of(edges, BATCH, closed, (slots.H[closed], slots.R[closed]))
         slots.outer, slots.near, slots.closed = slots.outer[:0].copy(), slots.near[:0].copy(), slots.closed[:0].copy()
         if state.S is not state.B:
-            state.drop_spheres()
+            state.radii, state.sphere_table = state.S[:, sphere.RADIUS].copy(), None
 
     @property
     def per_call(self) -> int:

@@ -120,7 +120,6 @@ def islands_of(state: State, slots: Candidates, threads: int) -> Islands:
 
 
 def _connected(a: Ints, b: Ints, n: int) -> tuple[Any, int, Ints]:
-    """Return the graph of n bodies with connections from a to b, the number of its islands, and that of each body."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 

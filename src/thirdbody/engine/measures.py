@@ -1,4 +1,4 @@
-"""Measures of a run: what contacts did, collected per body and over the surfaces of the plates.
+"""Measures of a run, what contacts did, collected per body and over the surfaces of the plates; and labels of all bodies.
 
 Contacts sum what they do in columns behind their history, each by itself, so that threads share nothing. `collect` then adds the
 sums to the bodies and deposits them on the plates, in the order of the candidates: the same bits for any number of threads. A
@@ -8,40 +8,19 @@ ones, whose steps are long, after each step if there are maps.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
-from thirdbody.engine.candidates import Array
+from thirdbody.engine.candidates import AllRows, Numbers
+from thirdbody.engine.state import Array, State
+from thirdbody.jit.arguments import Packer, address
+from thirdbody.jit.threads import distribute
+from thirdbody.kernels.arguments import LABEL, OBSERVE, OBSERVED, Observed
+from thirdbody.kernels.labels import label_bodies
 from thirdbody.kernels.measures import AMOUNTS, Collection, collect, deposit
-from thirdbody.laws.measures import MEAN, Layout
-
-if TYPE_CHECKING:
-    from thirdbody.engine.state import State
-
-
-@dataclass(frozen=True)
-class Measures:
-    """Measures of a scene: the compiled function, its parameters (one row per pair), and where numbers are kept.
-
-    `cells`: number of cells of the maps along x and y; 0: no maps.
-    """
-
-    function: Callable
-    parameters: Array
-    layout: Layout
-    cells: tuple[int, int]
-
-    @property
-    def mapped(self) -> bool:
-        return bool(self.layout.maps) and self.cells[0] > 0
-
-    def tables(self, bodies: int) -> tuple[Array, Array]:
-        """Return at the start: W (bodies, `Layout.bodies`), what bodies have; `maps` (maps, 2 plates, n_y, n_x), on cells."""
-        n_x, n_y = self.cells if self.mapped else (1, 1)
-        return np.zeros((bodies, len(self.layout.bodies))), np.zeros((len(self.layout.maps) if self.mapped else 0, 2, n_y, n_x))
+from thirdbody.kernels.tables import loaded_contact, observed_body
+from thirdbody.laws.measures import MEAN
 
 
 def collect_measures(state: State) -> Array:
@@ -110,3 +89,40 @@ def map_densities(state: State) -> dict[str, Array]:
     (l_x, l_y), (n_x, n_y) = state.world.size, measures.cells
     area = l_x / n_x * l_y / n_y
     return {entry.name: state.maps[k] / area for k, entry in enumerate(measures.layout.maps)}
+
+
+# -- labels --
+
+
+def labels(state: State, drag: Array) -> Array:
+    """Return one row per body: state, reason, margins and extras (columns named by the labeller).
+
+    The labeller works on copies of its memory. `drag`: unit vector of the prescribed motion of the upper plate. Batches of an
+    ensemble are distributed over the threads; bodies do not see each other, so the bits are the same for any number.
+    """
+    out, slots, physics = np.zeros((state.n_bodies, state.physics.outputs)), state.slots, state.physics
+    rows, labeller = slots.rows, (address(physics.observe, OBSERVE), address(physics.label, LABEL))
+
+    def label(bodies: slice, candidates: tuple[Numbers, ...], H: Array, R: Array) -> None:
+        """Label a batch of bodies. `candidates`: own, partner, edges and incidence; H, R: their rows."""
+        observed: Any = Observed(  # type: ignore[call-arg]
+            *candidates, state.B[bodies], state.E[bodies], state.orientations[bodies], H, R, state.M[bodies].copy(), drag,
+            len(physics.history), loaded_contact.MEMORY + physics.contact_memory,
+        )  # fmt: skip
+        table = np.empty((int(np.diff(observed.edges).max(initial=0)), observed.width))
+        label_bodies(Packer(OBSERVED)(observed), state.A, *labeller, out[bodies], np.empty(observed_body.WIDTH), table)
+
+    if isinstance(rows, AllRows):
+        label(slice(None), (slots.own, slots.partner, slots.edges, slots.incidence), rows.H, rows.R)
+        return out
+
+    def label_batch(number: int) -> None:
+        bodies, batch = slice(number * rows.size, (number + 1) * rows.size), rows.compact[number]
+        edges, n = slots.edges[bodies.start : bodies.stop + 1], len(batch.on)
+        closed = batch.on + edges[0]
+        own_edges = np.searchsorted(closed, edges).astype(np.int32)
+        candidates = slots.own[closed], slots.partner[closed], own_edges, 2 * np.arange(n, dtype=np.int32)
+        label(bodies, candidates, batch.H[:n], batch.R[:n])
+
+    distribute(range(len(rows.compact)), lambda: label_batch)
+    return out

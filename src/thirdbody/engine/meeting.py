@@ -8,7 +8,7 @@ under a common plate all bodies do. So the result does not depend on how far bod
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,11 +21,8 @@ from thirdbody.errors import GuardStop
 from thirdbody.jit.threads import allowed_threads
 from thirdbody.kernels.implicit.accept_step import ROUNDED
 from thirdbody.kernels.implicit.control import Stop
-from thirdbody.kernels.implicit.tables import sphere_path, step_memory
+from thirdbody.kernels.step_tables import sphere_path, step_memory
 from thirdbody.kernels.tables import EVERYTHING, domain, run_totals, sphere
-
-if TYPE_CHECKING:
-    from thirdbody.engine.implicit import Implicit
 
 REST, LATER = 200.0, 0.25
 """Largest time between two searches while the plates do not move: in Rayleigh times, or as a part of the time so far."""
@@ -42,9 +39,9 @@ PATCHES_ADVICE = 'at a higher speed, or on_failure = "continue", to go on all th
 
 
 class Meeting:
-    """Search for islands of an implicit integrator, and return to the start of a stride."""
+    """Search for islands of an `Implicit`, which builds on this module, and return to the start of a stride."""
 
-    def __init__(self, integrator: Implicit) -> None:
+    def __init__(self, integrator: Any) -> None:
         self.integrator = integrator
         self.counts, self._recent = np.zeros(len(COUNTS)), np.zeros(len(COUNTS))
         self._deposits: list[Array] = []  # of this stride, on maps of measures
@@ -146,7 +143,6 @@ class Meeting:
         return own[new], partner[new]
 
     def _keys(self, own: Numbers, partner: Numbers) -> np.ndarray:
-        """Return a number for each pair, in the order of candidates."""
         return own.astype(np.int64) * self.integrator.state.n_spheres + partner
 
     def _repeat(self, own: Numbers, partner: Numbers) -> None:
@@ -187,13 +183,8 @@ class Meeting:
         else:
             patches, contacts = np.zeros(len(state.P), bool), bodies[state.body[state.slots.own]]
             patches[state.patch[bodies]] = True
-            rows = dict.fromkeys(tables, bodies) | {
-                "S": bodies[state.body],
-                "P": patches,
-                "slots_H": contacts,
-                "slots_R": contacts,
-            }
-            rows["slots_Q"] = contacts[: len(state.slots.Q)]
+            rows = dict.fromkeys(tables, bodies) | {"S": bodies[state.body], "P": patches}
+            rows |= {"slots_H": contacts, "slots_R": contacts, "slots_Q": contacts[: len(state.slots.Q)]}
         for name, table in tables.items():
             table[rows[name]] = one.earlier[name][rows[name]]
         self._begin_paths(bodies[state.body])

@@ -1,4 +1,4 @@
-"""State of a run at one instant: the tables used by the kernels."""
+"""State of a run at one instant: the tables used by the kernels, and arguments of steps that both integrators share."""
 
 from __future__ import annotations
 
@@ -6,21 +6,24 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from thirdbody.engine.candidates import Array, Candidates, Ints, empty_slots
-from thirdbody.engine.measures import Measures
+from thirdbody.engine.candidates import AllRows, Array, Candidates, Ints, empty_slots
 from thirdbody.engine.placed import Placed
 from thirdbody.engine.upper_plate import Schedule, UpperPlate
 from thirdbody.jit.arguments import address
 from thirdbody.kernels import bodies as body_pass
-from thirdbody.kernels.arguments import LAW
+from thirdbody.kernels import tables
+from thirdbody.kernels.arguments import EFFECTS, LAW, MEASURE, OBSERVE, OBSERVE_BODIES
+from thirdbody.kernels.labels import observe_bodies
 from thirdbody.kernels.rolling_kinematics import MOMENTS, record_width
 from thirdbody.kernels.table import Rows
 from thirdbody.kernels.tables import body, body_extra, contact_state, domain, orientation, patch, run_totals, search_pose, sphere
 from thirdbody.laws.contract import Material
+from thirdbody.laws.measures import Layout
 from thirdbody.rotations import to_body, to_world
 
 Action = Callable[[], None]
@@ -68,6 +71,28 @@ class World:
     def schedule(self) -> Schedule:
         """Schedule of the upper plate; one without motion if there is none."""
         return Schedule() if self.upper is None else self.upper.schedule
+
+
+@dataclass(frozen=True)
+class Measures:
+    """Measures of a scene: the compiled function, its parameters (one row per pair), and where numbers are kept.
+
+    `cells`: number of cells of the maps along x and y; 0: no maps.
+    """
+
+    function: Callable
+    parameters: Array
+    layout: Layout
+    cells: tuple[int, int]
+
+    @property
+    def mapped(self) -> bool:
+        return bool(self.layout.maps) and self.cells[0] > 0
+
+    def tables(self, bodies: int) -> tuple[Array, Array]:
+        """Return at the start: W (bodies, `Layout.bodies`), what bodies have; `maps` (maps, 2 plates, n_y, n_x), on cells."""
+        n_x, n_y = self.cells if self.mapped else (1, 1)
+        return np.zeros((bodies, len(self.layout.bodies))), np.zeros((len(self.layout.maps) if self.mapped else 0, 2, n_y, n_x))
 
 
 @dataclass(frozen=True)
@@ -120,7 +145,7 @@ class Physics:
 class State:
     """Tables at one synchronised instant; columns are declared in `kernels.tables`.
 
-    S may be the same array as B (`unite`); where it is not kept (`drop_spheres`), it is made anew for each reader. `side`
+    S may be the same array as B; where it is not kept, it is made anew for each reader from `radii`. `side`
     (n_spheres,): what a sphere can touch (`columns.sides`). `order` (n_bodies,): number of each body in the scene and in all
     outputs. `summed`: the integrator sums the elastic energies; otherwise they come from the records. `inertial`: bodies and
     patches have inertia, thus kinetic energy. W, `maps`: what measures have collected (`engine.measures`).
@@ -173,13 +198,8 @@ class State:
             return self.sphere_table
         S = table(self.n_spheres, sphere.WIDTH)
         S[:, sphere.RADIUS], S[:, sphere.MASS] = self.radii, np.repeat(self.B[:, body.MASS], np.diff(self.start))
-        body_pass.place_as_they_are(self.start, self.offsets, S, self.B, self.orientations)
+        body_pass.place_all(False, self.start, self.offsets, S, self.B, self.E, self.orientations)
         return S
-
-    def drop_spheres(self) -> None:
-        """Keep of the spheres only what does not follow from their bodies."""
-        self.radii = self.S[:, sphere.RADIUS].copy()
-        self.sphere_table = None
 
     @property
     def reach(self) -> float:
@@ -300,23 +320,13 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
     return state
 
 
-def unite(state: State) -> None:
-    """Alias S to B if all bodies are single centred spheres: half the memory traffic."""
-    if state.n_spheres == state.n_bodies and not state.offsets.any():
-        state.B[:, sphere.RADIUS] = state.S[:, sphere.RADIUS]
-        state.sphere_table = state.B
-        refresh_spheres(state)
-
-
-def rayleigh_time(radius: float, material: Material) -> float:
-    """Return the time [s] of a Rayleigh wave around a sphere: pi R sqrt(rho/G)/(0.1631 nu + 0.8766)."""
-    speed = 0.1631 * material.poisson_ratio + 0.8766
-    return math.pi * radius * math.sqrt(material.density / material.shear_modulus) / speed
-
-
 def rayleigh_times(state: State, materials: list[Material]) -> Array:
-    """Return the Rayleigh time (n_bodies,) [s] of a sphere with the volume of each body."""
-    return np.array([rayleigh_time(1.0, m) for m in materials])[state.material] * state.rayleigh_radius
+    """Return the times (n_bodies,) [s] of a Rayleigh wave around spheres with the volumes of the bodies.
+
+    pi R sqrt(rho/G)/(0.1631 nu + 0.8766)
+    """
+    per_radius = [math.pi * math.sqrt(m.density / m.shear_modulus) / (0.1631 * m.poisson_ratio + 0.8766) for m in materials]
+    return np.array(per_radius)[state.material] * state.rayleigh_radius
 
 
 def angular_momentum(B: Array, E: Array, orientations: Array) -> Array:
@@ -327,7 +337,7 @@ def angular_momentum(B: Array, E: Array, orientations: Array) -> Array:
 
 def refresh_spheres(state: State) -> None:
     """Update positions, arms and velocities of all spheres from the bodies."""
-    body_pass.place_all(state.start, state.offsets, state.S, state.B, state.E, state.orientations)
+    body_pass.place_all(True, state.start, state.offsets, state.S, state.B, state.E, state.orientations)
 
 
 def orientations(state: State) -> Array:
@@ -340,3 +350,34 @@ def orientations(state: State) -> Array:
     q_new = np.hstack((w - np.sum(half * v, axis=1, keepdims=True), v + w * half + np.cross(half, v)))
     q[balls] = q_new / np.linalg.norm(q_new, axis=1, keepdims=True)
     return q
+
+
+def constant_arguments(state: State, drag: Array) -> dict[str, Any]:
+    """Return those that no step and no search replaces. `drag`: unit vector of the prescribed motion of the upper plate."""
+    s, physics, measures = state, state.physics, state.physics.measures
+    (begin, size), (force, moment, twist) = physics.field, physics.force_columns
+    return {
+        "body": s.body, "start": s.start, "patch": s.patch, "offsets": s.offsets, "B": s.B, "E": s.E,
+        "orientations": s.orientations, "P": s.P, "M": s.M, "D": s.D, "schedule": s.schedule, "first": s.first,
+        "lower": s.lower_surface, "upper": s.upper_surface, "drag": drag, "pairs": physics.pairs,
+        "interaction": physics.interaction, "effect_parameters": physics.effect_parameters,
+        "n_history": len(physics.history), "field_begin": begin, "field_size": size, "rolling": physics.rolling,
+        "force": force, "moment": moment, "twist": twist, "stored": physics.stored, "dashpots": physics.dashpots,
+        "loss_column": physics.loss_column, "width": tables.loaded_contact.MEMORY + physics.contact_memory,
+        "has_effects": int(physics.has_effects), "labels": int(physics.labels), "law": address(physics.law, LAW),
+        "effects": address(physics.effects, EFFECTS), "observe": address(physics.observe, OBSERVE),
+        "observe_bodies": address(observe_bodies, OBSERVE_BODIES) if physics.labels else 0,
+        "measured": measures.layout.width if measures else 0, "measure": address(measures.function, MEASURE) if measures else 0,
+        "measure_parameters": measures.parameters if measures else np.zeros(1),
+    }  # fmt: skip
+
+
+def table_arguments(state: State) -> dict[str, Any]:
+    """Return the tables that searches replace: of candidates and spheres; no rows where a body has them while it is advanced."""
+    slots, rows = state.slots, state.slots.rows
+    H, R = (rows.H, rows.R) if isinstance(rows, AllRows) else (np.zeros((0, width)) for width in rows.widths)
+    S = np.zeros((0, sphere.WIDTH)) if state.sphere_table is None else state.sphere_table
+    return {
+        "own": slots.own, "partner": slots.partner, "edges": slots.edges, "incidence": slots.incidence, "S": S, "Q": slots.Q,
+        "H": H, "R": R,
+    }  # fmt: skip

@@ -22,9 +22,9 @@ from thirdbody.system.cpu_count import cores
 
 UNITS: dict[str, tuple[str, ...]] = {
     "common_plate": ("implicit.common_plate",),
-    "driver": ("implicit.driver",),
+    "driver": ("implicit.driver:advance_islands",),
     "pairs": ("implicit.pairs",),
-    "ensemble": ("implicit.ensemble",),
+    "ensemble": ("implicit.driver:advance_batch",),
     "rough": ("implicit.rough",),
     "spots": ("implicit.spots_part",),
     "passes": ("explicit.passes",),

@@ -76,7 +76,10 @@ class Schedule:
 
     def direction(self) -> tuple[float, float]:
         """Return the unit vector of the first lateral motion, (0, 0) if there is none."""
-        first = [_first_rate(axis) for axis in (self.x, self.y)]
+        first = []  # start [s] and a rate of the right sign of the first segment of each axis that moves
+        for axis in (self.x, self.y):
+            s = next((s for s in axis if _moving((s,))), Segment(math.inf, motion.POLYNOMIAL, 0.0))
+            first.append((s.start, (s.b or s.c) if s.kind == motion.POLYNOMIAL else s.b * s.c))
         earliest = min((start for start, rate in first if rate), default=math.inf)
         if math.isinf(earliest):
             return 0.0, 0.0
@@ -205,7 +208,6 @@ class Schedule:
         return (math.inf if math.isinf(until) else float(math.floor((until - begin) / cycle))), cycle
 
     def _chorded(self, begin: float, until: float) -> float:
-        """Return the length [m] of the path in an interval, by chords."""
         return sum(length for _, _, length in self._chords(begin, until))
 
     def _chords(self, begin: float, until: float) -> Iterator[tuple[float, float, float]]:
@@ -234,7 +236,6 @@ def _moving(axis: Axis) -> bool:
 
 
 def _period(segment: Segment) -> float:
-    """Return the period [s] of a segment; 0 if it is not periodic."""
     if segment.kind == motion.SINE:
         return 2.0 * math.pi / segment.c
     return 1.0 / segment.c if segment.kind == motion.TRIANGLE else 0.0
@@ -274,21 +275,12 @@ def value_before(axis: Axis, t: float, end: float) -> float:
 
 
 def _segment_at(axis: Axis, t: float) -> Segment | None:
-    """Return the segment valid at time t [s], None before the first."""
     begun = _segments_begun(axis, t)
     return axis[begun - 1] if begun else None
 
 
 def _segments_begun(axis: Axis, t: float) -> int:
     return bisect_right(axis, t, key=lambda segment: segment.start)
-
-
-def _first_rate(axis: Axis) -> tuple[float, float]:
-    """Return start [s] and a rate of the right sign of the first segment that moves."""
-    for s in axis:
-        if _moving((s,)):
-            return s.start, (s.b or s.c) if s.kind == motion.POLYNOMIAL else s.b * s.c
-    return math.inf, 0.0
 
 
 def _top_rate(axis: Axis) -> float:
@@ -376,14 +368,3 @@ def direct_reaction(row: Array, displacement: float) -> tuple[float, float]:
         return 0.0, 0.0
     force = float(row[patch.DIRECT_PREFACTOR] * np.exp(-(row[patch.HEIGHT] + displacement) / row[patch.DIRECT_LENGTH]))
     return force, force / float(row[patch.DIRECT_LENGTH])
-
-
-def direct_energy(P: Array) -> float:
-    """Return the elastic energy [J] of direct contact: the integral of the force from the present gap of the plate on."""
-    return sum(direct_reaction(row, 0.0)[0] * float(row[patch.DIRECT_LENGTH]) for row in P[P[:, patch.DIRECT_PREFACTOR] > 0.0])
-
-
-def direct_loss(row: Array, displacement: float) -> float:
-    """Return the energy [J] that a step which ended at the present height loses, as the force at its end acts all along."""
-    before, after = direct_reaction(row, -displacement)[0], direct_reaction(row, 0.0)[0]
-    return (before - after) * float(row[patch.DIRECT_LENGTH]) - after * displacement

@@ -8,7 +8,7 @@ from string import Template
 
 from thirdbody.atomic_files import write_whole
 from thirdbody.palette import rgb, state_colors
-from thirdbody.trajectory.schema import BLOCKS
+from thirdbody.trajectory.names import BLOCKS
 from thirdbody.trajectory.writer import FORMAT
 
 SCRIPT_NAME = "open_in_paraview.py"

@@ -195,10 +195,8 @@ def _open_to_others(status: os.stat_result) -> bool:
 
 
 def _make_private(path: Path) -> None:
-    """Create a folder into which only this user can write; replace one into which others could write.
-
-    Raises OutputError for one that belongs to another user, OSError if it cannot be created.
-    """
+    """Create a folder into which only this user can write; replace one into which others could write. Raises OutputError for one
+    that belongs to another user, OSError if it cannot be created."""
     with suppress(FileExistsError):
         path.mkdir(mode=0o700)
         return

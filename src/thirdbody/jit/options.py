@@ -68,7 +68,6 @@ class Entry:
             return self._compiled
 
     def __call__(self, *arguments: Any) -> Any:
-        """Call it."""
         return (self._compiled or self.compiled())(*arguments)
 
     def get_compile_result(self, signature: Any) -> Any:

@@ -53,7 +53,6 @@ class _Model(models.PrimitiveModel):  # type: ignore[misc]
 
 
 def _operator(symbol: Any, name: str) -> None:
-    """Register an operator between two vectors with numba."""
 
     @infer_global(symbol)
     class _Template(ConcreteTemplate):  # type: ignore[misc]
@@ -121,10 +120,8 @@ def _lane_code(result: Any) -> Callable[[Callable], Any]:
 
 
 def memory_code(count: int, result: Any, *others: Any) -> Callable[[Callable], Any]:
-    """Return a decorator that makes an intrinsic function (table, `count` indices, ...) from `write(builder, pointer, ...)`.
-
-    The pointer is that to a number of a contiguous table, which need not be aligned.
-    """
+    """Return a decorator that makes an intrinsic function (table, `count` indices, ...) from `write(builder, pointer, ...)`, with
+    the pointer to a number of a contiguous table, which need not be aligned."""
 
     def declare(write: Callable) -> Any:
         def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:

@@ -107,10 +107,8 @@ def distribute(pieces: Sequence[Piece], make_worker: Callable[[], Callable[[Piec
 
 @contextmanager
 def helpers(members: int, team: np.ndarray, help_out: Callable[[int], None]) -> Iterator[None]:
-    """Let the other members of a team help with the passes that this thread opens within the block.
-
-    `help_out(member)` returns once the team is dismissed.
-    """
+    """Let the other members of a team help with the passes that this thread opens within the block. `help_out(member)` returns
+    once the team is dismissed."""
     team[FIRST::LINE], team[DISMISSED] = CLOSED, 0
     with _at_work([_pool(os.getpid()).submit(help_out, member) for member in range(1, members)]):
         try:
@@ -140,7 +138,6 @@ def _pool(process: int) -> ThreadPoolExecutor:
 
 
 def words_of(members: int) -> int:
-    """Return the number of words of a team."""
     return FIRST + LINE * members
 
 
@@ -164,7 +161,6 @@ def count_up(builder: Any, pointer: Any) -> Any:
 
 
 def _call(builder: Any, result: Any, name: str, *given: int) -> None:
-    """Call an external function with 32-bit integers."""
     function = cgutils.get_or_insert_function(builder.module, ir.FunctionType(result, [_INT] * len(given)), name)
     builder.call(function, [_INT(one) for one in given])
 

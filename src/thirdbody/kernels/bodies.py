@@ -52,10 +52,8 @@ def store_three(S, s, c, v):
 
 @njit(**BARE)
 def place_sphere(s, offsets, motion, h, S):
-    """Set position, arm and velocities of sphere s, those of the step and those at its end.
-
-    The arm for the step is that of half a step of length 2 h ago. `motion`: a `BodyMotion` of vectors of four.
-    """
+    """Set position, arm and velocities of sphere s, those of the step and those at its end. The arm for the step is that of half
+    a step of length 2 h ago. `motion`: a `BodyMotion` of vectors of four."""
     rotation, w = motion.rotation, motion.spin
     arm = rotation[0] * broadcast(offsets[s, 0]) + rotation[1] * broadcast(offsets[s, 1]) + rotation[2] * broadcast(offsets[s, 2])
     middle = arm - broadcast(h) * cross(w, arm)
@@ -95,10 +93,8 @@ def columns(matrix):
 
 @njit(**BARE_CHUNK)
 def place_body(b, start, offsets, S, motion, dt):
-    """Set positions, arms and velocities of body b's spheres.
-
-    `motion`: a `BodyMotion` of tuples of three, with the quaternion of the body as rotation.
-    """
+    """Set positions, arms and velocities of body b's spheres. `motion`: a `BodyMotion` of tuples of three, with the quaternion as
+    rotation."""
     x, q, v, w, end_v, end_w = motion
     vectors = BodyMotion(vector(x), columns(matrix(q[0], q[1], q[2], q[3])), vector(v), vector(w), vector(end_v), vector(end_w))
     for s in range(start[b], start[b + 1]):
@@ -116,20 +112,15 @@ def spin_body(b, B, E, orientations):
         B[b, body.SPIN], B[b, body.SPIN + 1], B[b, body.SPIN + 2] = w
 
 
-@entry(types.void(_I1, _F2, _F2, _F2, _F2, _F2), **DIRECT, **NO_COUNTS)
-def place_all(start, offsets, S, B, E, orientations):
-    """Place all spheres at the present poses of their bodies, with present velocities; update body spins."""
+@entry(types.void(types.boolean, _I1, _F2, _F2, _F2, _F2, _F2), **DIRECT, **NO_COUNTS)
+def place_all(spins, start, offsets, S, B, E, orientations):
+    """Place all spheres at the present poses of their bodies, with present velocities; update the spins of bodies, or take them
+    as they are."""
     for b in range(B.shape[0]):
-        spin_body(b, B, E, orientations)
+        if spins:
+            spin_body(b, B, E, orientations)
         if not is_aliased(S):
             place_as_it_is(b, start, offsets, S, B, orientations)
-
-
-@entry(types.void(_I1, _F2, _F2, _F2, _F2), **DIRECT, **NO_COUNTS)
-def place_as_they_are(start, offsets, S, B, orientations):
-    """Place all spheres at the present poses of their bodies, with present velocities and spins; bodies stay as they are."""
-    for b in range(B.shape[0]):
-        place_as_it_is(b, start, offsets, S, B, orientations)
 
 
 @njit(**BARE_CHUNK)
@@ -203,15 +194,6 @@ def weight_of(step):
     if k == OUTER[0] or k == OUTER[1]:
         return OUTER_WEIGHT
     return INNER_WEIGHT if k == INNER[0] or k == INNER[1] else 0.0
-
-
-@njit(**BARE)
-def steps_behind(steps):
-    """Return by how many steps the orientations are behind after so many steps of the run; negative: ahead."""
-    weights = 0.0
-    for k in range(steps % STEPS):
-        weights += weight_of(k)
-    return steps % STEPS - weights
 
 
 @njit(**BARE)

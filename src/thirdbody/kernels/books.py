@@ -23,7 +23,7 @@ from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import LANES, broadcast, clamp_below, get, put
 from thirdbody.kernels.plates import is_plate
 from thirdbody.kernels.rolling_kinematics import has_twist
-from thirdbody.kernels.tables import body, body_extra, remote_force
+from thirdbody.kernels.tables import body_extra, remote_force
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output, rolling_input, rolling_output
 
 POWER = 0x7FF << 52
@@ -100,19 +100,9 @@ def add_normal_losses(n, slots, context, tile):
 
 
 @njit(**BARE)
-def friction_work_of(b, B, E, column):
-    """Return the friction work of body b since the start [J], without that loss; `column`: -1 without one."""
-    loss = E[b, body_extra.NORMAL_LOSS] if column >= 0 else 0.0
-    return B[b, body.FRICTION_WORK] - loss
-
-
-@njit(**BARE)
 def work_of_mean(q, old, new, displacement, tile):
-    """Return the work, at elements q to q + 3, of the mean of an old and a new vector [J].
-
-    The vectors are fields from `old` of the inputs on and from `new` of the outputs on; the `displacement` is two fields of the
-    inputs.
-    """
+    """Return the work, at elements q to q + 3, of the mean of an old and a new vector [J], fields from `old` of the inputs and
+    from `new` of the outputs on; the `displacement` is two fields of the inputs."""
     I, O, x = tile.inputs, tile.outputs, displacement  # noqa: E741
     along = (get(I, q + old * TILE) + get(O, q + new * TILE)) * get(I, q + x * TILE)
     across = (get(I, q + (old + 1) * TILE) + get(O, q + (new + 1) * TILE)) * get(I, q + (x + 1) * TILE)
@@ -213,10 +203,7 @@ def separation_rate(q, G):
 
 @njit(**BARE_CHUNK)
 def book_dashpots(n, dt, context, tile):
-    """Write the energy that the dashpots of n contacts dissipate into law_output.DASHPOT_POWER [J]; store their forces.
-
-    `context.dashpots`: column of the history with the force, packed into one number (`books`).
-    """
+    """Write the energy that the dashpots of n contacts dissipate into law_output.DASHPOT_POWER [J]; store their forces."""
     I, O, half = tile.inputs, tile.outputs, broadcast(0.5 * dt)  # noqa: E741
     behind, rotation = law_output.HISTORY + context.n_history, law_input.HISTORY + context.n_history
     load_dashpot_forces(n, context, I)

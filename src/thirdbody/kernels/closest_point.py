@@ -65,23 +65,6 @@ def inverse_of(a, b, c):
 
 
 @njit(**BARE)
-def correction_of(g_x, g_y, a, b, c, low):
-    """Return the correction (2,) of Newton's method, downhill also where f is not convex: the smaller eigenvalue `low` <= 0."""
-    if low <= 0.0:
-        a, c = a - low + max(CURVED, -low), c - low + max(CURVED, -low)
-    xx, xy, yy = inverse_of(a, b, c)
-    return -(xx * g_x + xy * g_y), -(xy * g_x + yy * g_y)
-
-
-@njit(**BARE)
-def step_off_a_saddle(a, b, c, low, spacing):
-    """Return a step (2,) [m] of a quarter cell from a saddle or a maximum, along which f falls fastest."""
-    x, y = (low - c, b) if abs(low - c) >= abs(low - a) else (b, low - a)
-    size = math.sqrt(x * x + y * y)
-    return (0.25 * spacing * x / size, 0.25 * spacing * y / size) if size > 0.0 else (0.25 * spacing, 0.0)
-
-
-@njit(**BARE)
 def higher_correction(jet, below, d_x, d_y):
     """Return what the third derivatives of f add to the correction (d_x, d_y) of Newton's method (2,) [m]."""
     s_x, s_y = jet.xx * d_x + jet.xy * d_y, jet.xy * d_x + jet.yy * d_y
@@ -97,10 +80,8 @@ def higher_correction(jet, below, d_x, d_y):
 
 @njit(**BARE_CHUNK)
 def closest(field, centre, o_x, o_y):
-    """Return the `Foot` of a centre (3,) [m], in the coordinates of the surface, downhill from the offset (o_x, o_y) [m].
-
-    From an offset that is right to a hundredth of a cell, such as the last one of a sphere that moves, it takes two evaluations.
-    """
+    """Return the `Foot` of a centre (3,) [m], in the coordinates of the surface, downhill from the offset (o_x, o_y) [m]. From
+    one that is right to a hundredth of a cell, such as the last one of a sphere that moves, it takes two evaluations."""
     length_x, length_y = field[head.LENGTH_X], field[head.LENGTH_Y]
     x, y, z = within_period(centre[0], length_x), within_period(centre[1], length_y), centre[2]
     d_x, d_y = 1.0 / field[head.RATE_X], 1.0 / field[head.RATE_Y]
@@ -111,12 +92,17 @@ def closest(field, centre, o_x, o_y):
         a, b, c = matrix_of(jet, below)
         half = 0.5 * (a - c)
         low = 0.5 * (a + c) - math.sqrt(half * half + b * b)  # the smaller eigenvalue
-        m_x, m_y = correction_of(o_x + below * jet.x, o_y + below * jet.y, a, b, c, low)
-        convex, small = low > 0.0, math.sqrt(m_x * m_x + m_y * m_y) <= CLOSE * spacing
+        convex, g_x, g_y = low > 0.0, o_x + below * jet.x, o_y + below * jet.y
+        # Newton's correction, downhill also where f is not convex
+        xx, xy, yy = inverse_of(a, b, c) if convex else inverse_of(a - low + max(CURVED, -low), b, c - low + max(CURVED, -low))
+        m_x, m_y = -(xx * g_x + xy * g_y), -(xy * g_x + yy * g_y)
+        small = math.sqrt(m_x * m_x + m_y * m_y) <= CLOSE * spacing
         if small and convex or evaluations >= ITERATIONS:
             break
-        if small:
-            m_x, m_y = step_off_a_saddle(a, b, c, low, spacing)
+        if small:  # a quarter cell from a saddle or a maximum, along which f falls fastest
+            m_x, m_y = (low - c, b) if abs(low - c) >= abs(low - a) else (b, low - a)
+            size = math.sqrt(m_x * m_x + m_y * m_y)
+            m_x, m_y = (0.25 * spacing * m_x / size, 0.25 * spacing * m_y / size) if size > 0.0 else (0.25 * spacing, 0.0)
         part = 1.0 / max(1.0, abs(m_x) / d_x, abs(m_y) / d_y)
         m_x, m_y = part * m_x, part * m_y
         square = o_x * o_x + o_y * o_y + below * below
@@ -151,10 +137,8 @@ def limited_ratio(ratio):
 
 @njit(**BARE)
 def effective_radius(jet, radius):
-    """Return the effective radius R_eff [m] of a sphere of radius R [m] on the surface; exactly R on a plane.
-
-    (R/R_eff)^2 = (1 + R k_1)(1 + R k_2), at least FLATTEST; principal curvatures k are positive where it bulges upwards.
-    """
+    """Return the effective radius R_eff [m] of a sphere of radius R [m] on the surface; exactly R on a plane. (R/R_eff)^2 = (1 +
+    R k_1)(1 + R k_2), at least FLATTEST; principal curvatures k are positive where it bulges upwards."""
     square = 1.0 / (1.0 + jet.x * jet.x + jet.y * jet.y)
     trace = (1.0 + jet.y * jet.y) * jet.xx - 2.0 * jet.x * jet.y * jet.xy + (1.0 + jet.x * jet.x) * jet.yy
     total, product = (0.0 - trace) * (square * math.sqrt(square)), (jet.xx * jet.yy - jet.xy * jet.xy) * (square * square)
@@ -204,10 +188,8 @@ def log_radius_gradient(foot, bent, radius):
 
 @njit(**BARE)
 def normal_derivative(foot):
-    """Return the derivative of the normal with the centre, a symmetric matrix [1/m]: xx, xy, xz, yy, yz, zz.
-
-    A principal curvature k at the distance D gives k/(1 + k D) along its direction.
-    """
+    """Return the derivative of the normal with the centre, a symmetric matrix [1/m]: xx, xy, xz, yy, yz, zz. A principal
+    curvature k at the distance D gives k/(1 + k D) along its direction."""
     jet, (m_xx, m_xy, m_yy) = foot.jet, foot.inverse
     # -n_z G^-1 H M, symmetric, between the tangents
     factor = (0.0 - foot.normal[2]) / (1.0 + jet.x * jet.x + jet.y * jet.y)
@@ -237,10 +219,8 @@ def interleaved(m, first):
 
 @njit(**BARE)
 def insert(foot, reach, merge, minima, n):
-    """Insert a minimum into the n rows so far, by distance, then place, if it is within reach and new; return the new n.
-
-    Of more than fit the nearest are kept; n then counts one more than rows.
-    """
+    """Insert a minimum into the n rows so far, by distance, then place, if it is within reach and new; return the new n. Of more
+    than fit the nearest are kept; n then counts one more than rows."""
     if not abs(foot.distance) <= reach:
         return n
     o_x, o_y, rows = foot.x, foot.y, minima.shape[0]
@@ -285,18 +265,6 @@ def search_cell(field, centre, o_x, o_y, reach, minima, n):
 
 
 @njit(**BARE)
-def is_near(field, level, i, j, low, z, reach):
-    """Return whether block (i, j) of a level may be within reach; `low` (2,): its first corner from below the centre [m]."""
-    n_y, size = np.int64(field[head.COUNT_Y]), np.int64(1) << level
-    d_x, d_y = 1.0 / field[head.RATE_X], 1.0 / field[head.RATE_Y]
-    across = (n_y + size - 1) >> level
-    at = np.int64(field[head.OFFSET + level - 1]) + i * across + j if level > 0 else np.int64(0)
-    up = max(z - field[at], 0.0) if level > 0 else 0.0
-    x, y = max(low[0], -(low[0] + size * d_x), 0.0), max(low[1], -(low[1] + size * d_y), 0.0)
-    return x * x + y * y + up * up <= reach * reach
-
-
-@njit(**BARE)
 def search_period(field, centre, origin, reach, minima, n):
     """Insert the minima in one period; return the new n. `origin` (2,): where it begins, from below the centre [m]."""
     n_x, n_y, top = np.int64(field[head.COUNT_X]), np.int64(field[head.COUNT_Y]), np.int64(field[head.LEVELS])
@@ -305,7 +273,15 @@ def search_period(field, centre, origin, reach, minima, n):
     while m < end:
         x, y = interleaved(m, 0), interleaved(m, 1)
         low = origin[0] + x * d_x, origin[1] + y * d_y
-        if x < n_x and y < n_y and is_near(field, level, x >> level, y >> level, low, centre[2], reach):
+        near = x < n_x and y < n_y
+        if near:  # whether the block may be within reach
+            size, up = np.int64(1) << level, 0.0
+            if level > 0:
+                at = np.int64(field[head.OFFSET + level - 1]) + (x >> level) * ((n_y + size - 1) >> level) + (y >> level)
+                up = max(centre[2] - field[at], 0.0)
+            b_x, b_y = max(low[0], -(low[0] + size * d_x), 0.0), max(low[1], -(low[1] + size * d_y), 0.0)
+            near = b_x * b_x + b_y * b_y + up * up <= reach * reach
+        if near:
             if level > 0:
                 level -= 1
                 continue
@@ -321,7 +297,7 @@ def find_minima(field, centre, reach, minima):
     """Write all local minima of the distance of a centre (3,) [m] that are at most `reach` [m] away; return their number.
 
     Rows of `minima`, the nearest first: offset (x, y) from below the centre, and distance [m], negative below the surface. Of
-    more minima than rows the nearest are kept, and the number is one more than rows.
+    more minima than rows the nearest are kept; the number is then one more than rows.
     """
     length_x, length_y = field[head.LENGTH_X], field[head.LENGTH_Y]
     if centre[2] - reach > field[head.MAX_HEIGHT]:

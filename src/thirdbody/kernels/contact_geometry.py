@@ -10,14 +10,15 @@ import math
 import numpy as np
 from numba import njit
 
+from thirdbody.jit import simd
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.jit.simd import AHEAD, LINE, VECTOR, broadcast, load, prefetch, put, set4, transpose, with_last
+from thirdbody.jit.simd import LANES, broadcast, get, load, put, set4, transpose, with_last
 from thirdbody.kernels import plates
 from thirdbody.kernels.memory import load_field
-from thirdbody.kernels.plates import kind_of
+from thirdbody.kernels.plates import BASINS, is_plate, is_upper, kind_of
 from thirdbody.kernels.tables import contact_state, sphere, surface_contact
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output
-from thirdbody.kernels.vectors import image
+from thirdbody.kernels.vectors import image, images, nearest_image
 
 AT_END = (geometry.END_VELOCITY - geometry.MID_VELOCITY) * TILE
 """Offset from a field of the middle of the step to that of its end."""
@@ -25,7 +26,7 @@ AT_END = (geometry.END_VELOCITY - geometry.MID_VELOCITY) * TILE
 TO_END = sphere.END_VELOCITY - sphere.MID_VELOCITY
 """The same offset for the columns of spheres."""
 
-SPARE = AHEAD + LINE
+SPARE = simd.AHEAD + simd.LINE
 """Padding at the end of a list of contacts, which is read ahead by prefetches and vector loads."""
 
 LIGHT = 16
@@ -36,7 +37,7 @@ LIGHT = 16
 @njit(**BARE)
 def padded(n, n_history):
     """Return the number of elements of a tile that a pass over n contacts with this number of history columns computes."""
-    return n + (-n % VECTOR if n_history <= LIGHT else 0)
+    return n + (-n % simd.VECTOR if n_history <= LIGHT else 0)
 
 
 @njit(**BARE)
@@ -149,18 +150,15 @@ def gather_history(q, k, context, tile):
 
 @njit(**BARE_CHUNK)
 def gather_pair_contacts(n, slots, context, tile):
-    """Gather the contacts between spheres slots[:n] into the first elements, by fours.
-
-    `SPARE` - 1 more candidates are read after the last of them.
-    """
+    """Gather the contacts between spheres slots[:n] into the first elements, by fours. `SPARE` - 1 more candidates are read."""
     own, partner, S, I, G = context.own, context.partner, context.S, tile.inputs, tile.geometry  # noqa: E741
     for q in range(0, n, 4):
-        for e in range(q + AHEAD, q + AHEAD + 4):  # rows of later contacts: partners may be anywhere
+        for e in range(q + simd.AHEAD, q + simd.AHEAD + 4):  # rows of later contacts: partners may be anywhere
             ahead = np.uint64(slots[e])
             beside = np.uint64(partner[ahead])
-            prefetch(S, beside, np.int64(sphere.MID_SPIN))
-            prefetch(S, beside, np.int64(sphere.END_SPIN))
-            prefetch(context.H, ahead, np.int64(contact_state.AXIS))
+            simd.prefetch(S, beside, np.int64(sphere.MID_SPIN))
+            simd.prefetch(S, beside, np.int64(sphere.END_SPIN))
+            simd.prefetch(context.H, ahead, np.int64(contact_state.AXIS))
         k = np.uint64(slots[q]), np.uint64(slots[q + 1]), np.uint64(slots[q + 2]), np.uint64(slots[q + 3])
         i = np.uint64(own[k[0]]), np.uint64(own[k[1]]), np.uint64(own[k[2]]), np.uint64(own[k[3]])
         j = np.uint64(partner[k[0]]), np.uint64(partner[k[1]]), np.uint64(partner[k[2]]), np.uint64(partner[k[3]])
@@ -224,9 +222,8 @@ def transport_frames(n, dt, tile):
         e_x, e_y, e_z = read_vector(G, q + geometry.AXIS * TILE)
         w_x, w_y, w_z = read_vector(G, q + geometry.MID_SPIN * TILE)
         twist = half * (w_x * p_x + w_y * p_y + w_z * p_z)
-        e_x, e_y, e_z = (
-            e_x + twist * (p_y * e_z - p_z * e_y), e_y + twist * (p_z * e_x - p_x * e_z), e_z + twist * (p_x * e_y - p_y * e_x),
-        )  # fmt: skip
+        c_x, c_y, c_z = p_y * e_z - p_z * e_y, p_z * e_x - p_x * e_z, p_x * e_y - p_y * e_x
+        e_x, e_y, e_z = e_x + twist * c_x, e_y + twist * c_y, e_z + twist * c_z
         # at first touch any direction that is not parallel to the normal; laws are isotropic
         new = G[q + geometry.PREVIOUS_SLIP * TILE] == 0.0
         steep = abs(n_z) > 0.5
@@ -239,8 +236,8 @@ def transport_frames(n, dt, tile):
         scale = 1.0 / math.sqrt(e_x * e_x + e_y * e_y + e_z * e_z)
         e_x, e_y, e_z = e_x * scale, e_y * scale, e_z * scale
         write_vector(G, q + geometry.AXIS * TILE, (e_x, e_y, e_z))
-        cross = n_y * e_z - n_z * e_y, n_z * e_x - n_x * e_z, n_x * e_y - n_y * e_x
-        write_vector(G, q + geometry.CROSS_AXIS * TILE, cross)
+        c_x, c_y, c_z = n_y * e_z - n_z * e_y, n_z * e_x - n_x * e_z, n_x * e_y - n_y * e_x
+        write_vector(G, q + geometry.CROSS_AXIS * TILE, (c_x, c_y, c_z))
 
 
 @njit(**BARE)
@@ -294,11 +291,110 @@ def force_and_torques(n, tile):
 def add_gradient_force(n, slots, context, tile):
     """Add to the forces of the contacts slots[:n] with rough plates what comes from the changing effective radius.
 
-    Hertz' energy U = (8/15) E* R_eff^(1/2) overlap^(5/2) changes along the surface as R_eff does: the force is
-    -(U/2) grad ln R_eff. It acts on the centre of the sphere, since rotation does not change the energy.
+    Hertz' energy U = (8/15) E* R_eff^(1/2) overlap^(5/2) changes along the surface as R_eff does: the force -(U/2) grad ln R_eff
+    on the centre of the sphere, since rotation does not change the energy.
     """
     G, Q = tile.geometry, context.Q
     for q in range(n):
         size, k = -0.5 * tile.outputs[q + law_output.STORED_NORMAL * TILE], slots[q]
         for d in range(3):
             G[q + (geometry.FORCE + d) * TILE] += size * Q[k, surface_contact.GRADIENT + d]
+
+
+# -- overlaps of candidates, and the lists of active contacts and of those that opened; no branch on whether one touches --
+
+
+@njit(**BARE)
+def overlap_and_normal(k, context, box):
+    """Return the overlap of candidate k [m] and the unit normal from partner to owner. Out of reach: overlap <= 0, no normal."""
+    S, i, j = context.S, context.own[k], context.partner[k]
+    if is_plate(j):
+        x, y, z = plates.normal(k, context)
+        return plates.overlap(k, context), x, y, z
+    d_x = nearest_image(S[i, sphere.X] - S[j, sphere.X], box.length_x)
+    d_y = nearest_image(S[i, sphere.Y] - S[j, sphere.Y], box.length_y)
+    d_z = S[i, sphere.Z] - S[j, sphere.Z]
+    square = d_x * d_x + d_y * d_y + d_z * d_z
+    radii = S[i, sphere.RADIUS] + S[j, sphere.RADIUS]
+    if square >= (radii + box.reach) * (radii + box.reach):
+        return -1.0, 0.0, 0.0, 0.0
+    d = math.sqrt(square)
+    inverse = 1.0 / max(d, 1e-300)
+    return radii - d, d_x * inverse, d_y * inverse, d_z * inverse
+
+
+@njit(**BARE_CHUNK)
+def plate_overlaps(first, last, context, box, g):
+    """Compute overlap plus reach of candidates first to last with their plates [m] into g: > 0 if they are within reach."""
+    for k in range(first, last):
+        g[k - first] = plates.plane_overlap(k, context) + box.reach
+
+
+@njit(**BARE_CHUNK)
+def pair_overlaps(first, last, context, box, g):
+    """Compute limit^2 - distance^2 of candidates first to last [m2] into g: > 0 if they are within reach."""
+    own, partner, S = context.own, context.partner, context.S
+    fours = first + (last - first) // LANES * LANES
+    for k in range(first, fours, LANES):
+        i4 = np.uint64(own[k]), np.uint64(own[k + 1]), np.uint64(own[k + 2]), np.uint64(own[k + 3])
+        j4 = np.uint64(partner[k]), np.uint64(partner[k + 1]), np.uint64(partner[k + 2]), np.uint64(partner[k + 3])
+        x_i, y_i, z_i, r_i = columns(four_rows_of(i4, np.int64(sphere.POSITION), S))
+        x_j, y_j, z_j, r_j = columns(four_rows_of(j4, np.int64(sphere.POSITION), S))
+        x, y = images(x_i - x_j, box.length_x, box.inverse_x), images(y_i - y_j, box.length_y, box.inverse_y)
+        z, reach = z_i - z_j, r_i + r_j + broadcast(box.reach)
+        put(g, k - first, reach * reach - (x * x + y * y + z * z))
+    for k in range(fours, last):
+        i, j = np.uint64(own[k]), np.uint64(partner[k])  # unsigned: no check for negative indices
+        d_x, d_y, d_z = S[i, sphere.X] - S[j, sphere.X], S[i, sphere.Y] - S[j, sphere.Y], S[i, sphere.Z] - S[j, sphere.Z]
+        d_x, d_y = image(d_x, box.length_x, box.inverse_x), image(d_y, box.length_y, box.inverse_y)
+        limit = S[i, sphere.RADIUS] + S[j, sphere.RADIUS] + box.reach
+        g[k - first] = limit * limit - (d_x * d_x + d_y * d_y + d_z * d_z)
+
+
+@njit(**BARE_CHUNK)
+def compact_active(first, last, g, closed, touching, opened):
+    """List the candidates within reach, and those that were until the last step; return both numbers. `closed`: 1 for those
+    within reach, else 0.
+
+    The list of the active ones is padded with the last of them as far as it is read ahead; all else after the ends is undefined.
+    """
+    m, o, fours = np.int64(0), np.int64(0), first + (last - first) // LANES * LANES
+    for k in range(first, fours, LANES):
+        on = simd.active_bits(closed, k, get(g, k - first))
+        m += simd.compress_store(touching, m, k, on & 15)
+        if on > 15:  # few open in a step
+            o += simd.compress_store(opened, o, k, on >> LANES)
+    for k in range(fours, last):
+        on, was = np.int64(g[k - first] > 0.0), np.int64(closed[k])
+        touching[m], opened[o] = k, k
+        closed[k] = on
+        m += on
+        o += was * (1 - on)
+    for e in range(m, m + SPARE - 1):
+        touching[e] = touching[max(m - 1, 0)]
+    return m, o
+
+
+@njit(**BARE_CHUNK)
+def compact_rough(first, last, context, reach, touching, opened):
+    """Do for contacts with rough plates what overlaps and `compact_active` do for others. Rows that have and had no minimum in
+    the last two steps, by far the most, are passed over."""
+    Q, closed, m, o, k = context.Q, context.closed, np.int64(0), np.int64(0), first
+    while k < last:
+        flat = len(context.upper if is_upper(context.partner[k]) else context.lower) == 0
+        minima = np.int64(1) if flat else np.int64(Q[k, surface_contact.MINIMA])
+        ended, e = np.int64(0) if flat else np.int64(Q[k, surface_contact.ENDED]), k
+        rows = (minima | ended | ended >> BASINS) & ((1 << BASINS) - 1)
+        while rows != 0:
+            if rows & 1 != 0:
+                on = np.int64(minima & 1 != 0 and plates.surface_overlap(e, context) + reach > 0.0)
+                was = np.int64(closed[e])
+                touching[m], opened[o] = e, e
+                closed[e] = on
+                m += on
+                o += was * (1 - on)
+            rows, minima, e = rows >> 1, minima >> 1, e + 1
+        k += 1 if flat else BASINS
+    for e in range(m, m + SPARE - 1):
+        touching[e] = touching[max(m - 1, 0)]
+    return m, o

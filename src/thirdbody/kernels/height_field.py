@@ -122,10 +122,8 @@ def jet_beside(jet, d_x, d_y):
 
 @njit(**BARE)
 def rounded(left, right, beyond, spacing):
-    """Return the third derivative near a border, and what its ramp adds to the second one.
-
-    `left`, `right`: third derivatives on both sides; `beyond`: distance from the border, at most RAMP [cells].
-    """
+    """Return the third derivative near a border, and what its ramp adds to the second one. `left`, `right`: third derivatives on
+    both sides; `beyond`: distance from the border, at most RAMP [cells]."""
     rest = RAMP - abs(beyond)
     third = 0.5 * (left + right + (right - left) * beyond / RAMP)
     return third, 0.25 * (right - left) * spacing * rest * rest / RAMP

@@ -6,57 +6,17 @@ from numba import njit, types
 from thirdbody.jit.arguments import PACKED, function_at
 from thirdbody.jit.options import BARE, DIRECT, NO_COUNTS, POINTED, entry
 from thirdbody.jit.simd import put
+from thirdbody.kernels import tables
 from thirdbody.kernels.arguments import LABEL, OBSERVE, OBSERVE_BODIES, observed_of
 from thirdbody.kernels.bodies import rotate_behind
-from thirdbody.kernels.memory import labeller_column
 from thirdbody.kernels.plates import BASINS, has_effect_columns, is_lower, is_plate, is_sphere, is_touching, order_on_sphere
-from thirdbody.kernels.tables import (
-    DEBRIS,
-    LOWER,
-    UPPER,
-    body,
-    body_extra,
-    contact_state,
-    loaded_contact,
-    observed_body,
-    record,
-    run_totals,
-)
+from thirdbody.kernels.tables import body, body_extra, contact_state, loaded_contact, observed_body, record, run_totals
 
 
 @njit(**BARE)
 def memory_column(second, context):
     """Return the column of the history where the labeller's memory of a contact begins. `second`: as the partner of the owner."""
-    return labeller_column(context.n_history) + second * (context.width - loaded_contact.MEMORY)
-
-
-@njit(**BARE)
-def contact_row(C, n, k, second, context):
-    """Fill row n of a body's contact table from candidate k. `second`: the body is the partner, not the owner."""
-    own, H, R, j = context.own, context.H, context.R, context.partner[k]
-    sign = -1.0 if second else 1.0
-    C[n, loaded_contact.PARTNER] = DEBRIS if is_sphere(j) else (LOWER if is_lower(j) else UPPER)
-    for d in range(3):
-        C[n, loaded_contact.POINT + d] = R[k, record.PARTNER_POINT + d] if second else R[k, record.POINT + d]
-        C[n, loaded_contact.NORMAL + d] = sign * R[k, record.NORMAL + d]
-        C[n, loaded_contact.TANGENTIAL_FORCE + d] = sign * R[k, record.TANGENTIAL_FORCE + d]
-        C[n, loaded_contact.PARTNER_VELOCITY + d] = (
-            R[k, record.SURFACE_VELOCITY + d] if second else R[k, record.PARTNER_VELOCITY + d]
-        )
-    C[n, loaded_contact.SPHERE_RADIUS] = R[k, record.PARTNER_RADIUS] if second else R[k, record.SPHERE_RADIUS]
-    C[n, loaded_contact.CONTACT_RADIUS] = R[k, record.CONTACT_RADIUS]
-    C[n, loaded_contact.OVERLAP] = R[k, record.OVERLAP]
-    C[n, loaded_contact.NORMAL_FORCE] = R[k, record.NORMAL_FORCE]
-    C[n, loaded_contact.LOAD] = R[k, record.LOAD]
-    C[n, loaded_contact.FRICTION_LIMIT] = R[k, record.FRICTION_LIMIT]
-    C[n, loaded_contact.CRITICAL_SLIP] = R[k, record.CRITICAL_SLIP]
-    C[n, loaded_contact.SLIP] = H[k, contact_state.SLIP] - contact_state.CLOSED
-    # unique within the body: its own sphere and the partner, which is a basin of a plate (-1, -2, ...) or a sphere
-    here, there = (j, own[k]) if second else (own[k], -1 - order_on_sphere(j) if is_plate(j) else j)
-    C[n, loaded_contact.IDENTITY] = here * 67108864.0 + there + (1.0 + 2.0 * BASINS)
-    memory_at = memory_column(second, context)
-    for m in range(C.shape[1] - loaded_contact.MEMORY):
-        C[n, loaded_contact.MEMORY + m] = H[k, memory_at + m]
+    return max(contact_state.LAW + context.n_history, contact_state.MIN_WIDTH) + second * (context.width - loaded_contact.MEMORY)
 
 
 @njit(**BARE)
@@ -86,12 +46,36 @@ def body_row(b, context, A, observed):
 @njit(**BARE)
 def body_contacts(b, context, C):
     """Fill the table C with the touching contacts of body b, in the order of candidates; return their number."""
-    n = np.int64(0)  # not the literal 0, for which the callees would be compiled once more
+    own, H, R, n = context.own, context.H, context.R, np.int64(0)
     for e in range(context.edges[b], context.edges[b + 1]):
-        k = context.incidence[e] >> 1
-        if is_touching(k, context.H, context.R):
-            contact_row(C, n, k, context.incidence[e] & 1, context)
-            n += 1
+        k, second = context.incidence[e] >> 1, context.incidence[e] & 1  # second: the body is the partner, not the owner
+        if not is_touching(k, H, R):
+            continue
+        j = context.partner[k]
+        sign = -1.0 if second else 1.0
+        C[n, loaded_contact.PARTNER] = tables.DEBRIS if is_sphere(j) else (tables.LOWER if is_lower(j) else tables.UPPER)
+        for d in range(3):
+            C[n, loaded_contact.POINT + d] = R[k, record.PARTNER_POINT + d] if second else R[k, record.POINT + d]
+            C[n, loaded_contact.NORMAL + d] = sign * R[k, record.NORMAL + d]
+            C[n, loaded_contact.TANGENTIAL_FORCE + d] = sign * R[k, record.TANGENTIAL_FORCE + d]
+            C[n, loaded_contact.PARTNER_VELOCITY + d] = (
+                R[k, record.SURFACE_VELOCITY + d] if second else R[k, record.PARTNER_VELOCITY + d]
+            )
+        C[n, loaded_contact.SPHERE_RADIUS] = R[k, record.PARTNER_RADIUS] if second else R[k, record.SPHERE_RADIUS]
+        C[n, loaded_contact.CONTACT_RADIUS] = R[k, record.CONTACT_RADIUS]
+        C[n, loaded_contact.OVERLAP] = R[k, record.OVERLAP]
+        C[n, loaded_contact.NORMAL_FORCE] = R[k, record.NORMAL_FORCE]
+        C[n, loaded_contact.LOAD] = R[k, record.LOAD]
+        C[n, loaded_contact.FRICTION_LIMIT] = R[k, record.FRICTION_LIMIT]
+        C[n, loaded_contact.CRITICAL_SLIP] = R[k, record.CRITICAL_SLIP]
+        C[n, loaded_contact.SLIP] = H[k, contact_state.SLIP] - contact_state.CLOSED
+        # unique within the body: its own sphere and the partner, which is a basin of a plate (-1, -2, ...) or a sphere
+        here, there = (j, own[k]) if second else (own[k], -1 - order_on_sphere(j) if is_plate(j) else j)
+        C[n, loaded_contact.IDENTITY] = here * 67108864.0 + there + (1.0 + 2.0 * BASINS)
+        memory_at = memory_column(second, context)
+        for m in range(C.shape[1] - loaded_contact.MEMORY):
+            C[n, loaded_contact.MEMORY + m] = H[k, memory_at + m]
+        n += 1
     return n
 
 
@@ -100,10 +84,8 @@ observe_at, label_at = function_at(OBSERVE), function_at(LABEL)
 
 @entry(OBSERVE_BODIES, **POINTED, **NO_COUNTS)
 def observe_bodies(first, last, context, A, observe, observed, C):
-    """Update the labeller's memory of the bodies first to last - 1 and of their contacts by an observation.
-
-    `observed` and C are scratch.
-    """
+    """Update the labeller's memory of the bodies first to last - 1 and of their contacts by an observation. `observed`, C:
+    scratch."""
     for b in range(first, last):
         n = body_contacts(b, context, C)
         body_row(b, context, A, observed)

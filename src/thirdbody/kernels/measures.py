@@ -112,10 +112,8 @@ def write_deposit(n, k, at, tables):
 
 @entry(types.int64(COLLECTION), **DIRECT)
 def collect(tables):
-    """Add what contacts have measured to their bodies, in the order of candidates, and clear it; return the number of deposits.
-
-    Maxima of contacts that are closed stay.
-    """
+    """Add what contacts have measured to their bodies, in the order of candidates, and clear it but for maxima of closed
+    contacts; return the number of deposits."""
     H, targets, n = tables.H, tables.targets, np.int64(0)
     width = targets.shape[0] + 1
     at = H.shape[1] - width
@@ -140,41 +138,35 @@ def collect(tables):
 
 @njit(**BARE)
 def weight(i, j, x, y, a, h_x, h_y):
-    """Return the part of cell (i, j) in a deposit around (x, y) [m], before it is normalised: Hertz' pressure in its middle.
-
-    sqrt(1 - r^2/a^2) (Hertz 1882); 0 outside the contact area.
-    """
+    """Return the part of cell (i, j) in a deposit around (x, y) [m], before it is normalised: Hertz' pressure in its middle,
+    sqrt(1 - r^2/a^2) (Hertz 1882); 0 outside the contact area."""
     d_x, d_y = (i + 0.5) * h_x - x, (j + 0.5) * h_y - y
     inside = 1.0 - (d_x * d_x + d_y * d_y) / (a * a)
     return math.sqrt(inside) if inside > 0.0 else 0.0
 
 
-@njit(**BARE)
-def deposit_one(row, maps, size):
-    """Add one deposit to the maps: in the cell of its centre, or spread over the cells whose middles lie in the contact area."""
-    n_y, n_x = maps.shape[2], maps.shape[3]
-    h_x, h_y = size[0] / n_x, size[1] / n_y
-    x, y, a, plate = row[POINT], row[POINT + 1], row[DEPOSIT_RADIUS], np.int64(row[PLATE])
-    low_i, high_i = np.int64(math.floor((x - a) / h_x)), np.int64(math.floor((x + a) / h_x))
-    low_j, high_j = np.int64(math.floor((y - a) / h_y)), np.int64(math.floor((y + a) / h_y))
-    total = 0.0
-    for j in range(low_j, high_j + 1 if a > 0.0 else low_j):
-        for i in range(low_i, high_i + 1):
-            total += weight(i, j, x, y, a, h_x, h_y)
-    if total == 0.0:
-        i, j = np.int64(math.floor(x / h_x)) % n_x, np.int64(math.floor(y / h_y)) % n_y
-        for m in range(maps.shape[0]):
-            maps[m, plate, j, i] += row[AMOUNTS + m]
-        return
-    for j in range(low_j, high_j + 1):
-        for i in range(low_i, high_i + 1):
-            part = weight(i, j, x, y, a, h_x, h_y) / total
-            for m in range(maps.shape[0]):
-                maps[m, plate, j % n_y, i % n_x] += part * row[AMOUNTS + m]
-
-
 @entry(types.void(_TABLE, _MAPS, types.Array(types.float64, 1, "C")), **DIRECT)
 def deposit(rows, maps, size):
-    """Add deposits, in their order, to the maps (maps, 2 plates, n_y, n_x) of a domain of `size` (x, y) [m], periodic."""
+    """Add deposits, in their order, to the maps (maps, 2 plates, n_y, n_x) of a domain of `size` (x, y) [m], periodic: in the
+    cell of the centre, or spread over the cells whose middles lie in the contact area."""
+    n_y, n_x = maps.shape[2], maps.shape[3]
+    h_x, h_y = size[0] / n_x, size[1] / n_y
     for n in range(rows.shape[0]):
-        deposit_one(rows[n], maps, size)
+        row = rows[n]
+        x, y, a, plate = row[POINT], row[POINT + 1], row[DEPOSIT_RADIUS], np.int64(row[PLATE])
+        low_i, high_i = np.int64(math.floor((x - a) / h_x)), np.int64(math.floor((x + a) / h_x))
+        low_j, high_j = np.int64(math.floor((y - a) / h_y)), np.int64(math.floor((y + a) / h_y))
+        total = 0.0
+        for j in range(low_j, high_j + 1 if a > 0.0 else low_j):
+            for i in range(low_i, high_i + 1):
+                total += weight(i, j, x, y, a, h_x, h_y)
+        if total == 0.0:
+            i, j = np.int64(math.floor(x / h_x)) % n_x, np.int64(math.floor(y / h_y)) % n_y
+            for m in range(maps.shape[0]):
+                maps[m, plate, j, i] += row[AMOUNTS + m]
+            continue
+        for j in range(low_j, high_j + 1):
+            for i in range(low_i, high_i + 1):
+                part = weight(i, j, x, y, a, h_x, h_y) / total
+                for m in range(maps.shape[0]):
+                    maps[m, plate, j % n_y, i % n_x] += part * row[AMOUNTS + m]

@@ -26,12 +26,6 @@ def load_field(q, k, context, tile):
 
 
 @njit(**BARE)
-def labeller_column(n_history):
-    """Return the column of H after the history of the laws, where the memory of the labeller begins."""
-    return max(contact_state.LAW + n_history, contact_state.MIN_WIDTH)
-
-
-@njit(**BARE)
 def spring_energy(k, context):
     """Return the energy of the tangential and rolling springs of candidate k [J]; 0 if the laws have none."""
     return context.H[k, contact_state.LAW + context.stored] if context.stored >= 0 else 0.0
@@ -39,10 +33,8 @@ def spring_energy(k, context):
 
 @njit(**BARE)
 def reset_history(k, context):
-    """Clear the history of a contact that opened. Returns the energy of its springs (`spring_energy`), which is dissipated.
-
-    What measures have summed stays until it is collected (`engine.measures`).
-    """
+    """Clear the history of a contact that opened, but what measures have summed (`engine.measures`). Returns the energy of its
+    springs (`spring_energy`), which is dissipated."""
     lost, H = spring_energy(k, context), context.H
     for h in range(H.shape[1] - context.measured):
         H[k, h] = 0.0
@@ -146,10 +138,8 @@ def keep(low, high, p, closed, new):
 
 @njit(**BARE_CHUNK)
 def broadcast_parameters(I, n_contacts, pairs, width, U):  # noqa: E741
-    """Copy the row of `pairs` (`width` numbers) of each contact's pair type to its element in U, stride TILE.
-
-    The types are compared first: mostly all contacts are of one type.
-    """
+    """Copy the row of `pairs` (`width` numbers) of each contact's pair type to its element in U, stride TILE. The types are
+    compared first: mostly all contacts are of one type."""
     first, alike = I[law_input.PAIR_TYPE * TILE], True
     for q in range(n_contacts):
         alike &= I[q + law_input.PAIR_TYPE * TILE] == first

@@ -18,10 +18,8 @@ from numba import njit, types
 
 from thirdbody.jit.arguments import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS, entry
-from thirdbody.kernels import plates
+from thirdbody.kernels import closest_point, plates
 from thirdbody.kernels.closest_point import (
-    LOCAL,
-    MERGE,
     bent_jet,
     closest,
     effective_radius,
@@ -74,19 +72,17 @@ APART = 1.0 + 1e-9
 @njit(**BARE)
 def is_same(one, other, field):
     """Return whether two offsets (2,) [m] are those of the same minimum."""
-    tolerance = 2.0 * MERGE / max(field[height_field.RATE_X], field[height_field.RATE_Y])
+    tolerance = 2.0 * closest_point.MERGE / max(field[height_field.RATE_X], field[height_field.RATE_Y])
     return abs(one[0] - other[0]) <= tolerance and abs(one[1] - other[1]) <= tolerance
 
 
 @njit(**BARE)
 def offset_of(k, Q):
-    """Return the offset (2,) of the closest point of row k [m]."""
     return Q[k, surface_contact.OFFSET], Q[k, surface_contact.OFFSET + 1]
 
 
 @njit(**BARE)
 def has_minimum(k, row, Q):
-    """Return whether the given row of the sphere whose first row is k has a minimum."""
     return np.int64(Q[k, surface_contact.MINIMA]) >> row & 1 != 0
 
 
@@ -132,10 +128,8 @@ def write_normal(k, normal, upper, Q):
 
 @njit(**BARE_CHUNK)
 def follow(k, field, x, start, tables):
-    """Move the minimum of row k from an offset `start` (2,) to where it is for a centre x (3,), in the plate's coordinates.
-
-    The derivatives are computed only within the reach of the contact.
-    """
+    """Move the minimum of row k from an offset `start` (2,) to where it is for a centre x (3,), in the plate's coordinates. The
+    derivatives are computed only within the reach of the contact."""
     Q, D, radius, upper = tables.Q, tables.D, tables.S[tables.own[k], sphere.RADIUS], is_upper(tables.partner[k])
     curved = D[domain.CURVED + upper] != 0.0
     foot = closest(field, x, start[0], start[1])
@@ -162,7 +156,7 @@ def follow_all(k, field, x, shortest, tables):
             o_x, o_y = offset_of(k + a, Q)
             d_x, d_y = o_x - Q[k + a, t], o_y - Q[k + a, t + 1]
             # it starts where it is if it goes on as in the last step
-            steady = max(abs(d_x) * field[height_field.RATE_X], abs(d_y) * field[height_field.RATE_Y]) <= LOCAL
+            steady = max(abs(d_x) * field[height_field.RATE_X], abs(d_y) * field[height_field.RATE_Y]) <= closest_point.LOCAL
             follow(k + a, field, x, (o_x + d_x, o_y + d_y) if steady else (o_x, o_y), tables)
             Q[k + a, t], Q[k + a, t + 1] = o_x, o_y
             for b in range(a):
@@ -175,10 +169,8 @@ def follow_all(k, field, x, shortest, tables):
 
 @njit(**BARE_CHUNK)
 def search_all(k, field, x, limits, tables):
-    """Search for all minima of the sphere whose first row is k.
-
-    `limits` [m]: the largest distance of a minimum that gets a row, and the shortest one without contact.
-    """
+    """Search for all minima of the sphere whose first row is k. `limits` [m]: the largest distance of a minimum that gets a row,
+    and the shortest one without contact."""
     Q, (farthest, shortest) = tables.Q, limits
     minima = Q[k : k + BASINS, surface_contact.NEARBY : surface_contact.NEARBY + 3]
     n = min(find_minima(field, x, farthest, minima), BASINS)
@@ -205,8 +197,7 @@ def search_all(k, field, x, limits, tables):
 def may_split(k, field, radius, reach, Q):
     """Return whether a second minimum may begin within reach [m] of the sphere whose first row is k beside one that touches.
 
-    The normal turns by the sum of k_i/(1 + k_i D) over the principal curvatures k_i at the distance D: large and negative in a
-    narrow hollow.
+    The normal turns by the sum of k_i/(1 + k_i D), principal curvatures k_i, distance D: large and negative in a narrow hollow.
     """
     a, t = 0, surface_contact.NORMAL_GRADIENT
     while (radius + reach) * field[height_field.MAX_CURVATURE] >= 1.0 and has_more(k, a, Q):
@@ -219,10 +210,8 @@ def may_split(k, field, radius, reach, Q):
 
 @njit(**BARE)
 def search_is_due(k, field, x, sphere_reach, Q):
-    """Return whether the sphere whose first row is k has moved so far since the last search that another is due.
-
-    `sphere_reach` (2,): its radius and its reach [m].
-    """
+    """Return whether the sphere whose first row is k has moved so far since the last search that another is due. `sphere_reach`
+    (2,): its radius and its reach [m]."""
     t, (radius, reach) = surface_contact.SEARCHED, sphere_reach
     d_x, d_y, d_z = x[0] - Q[k, t], x[1] - Q[k, t + 1], x[2] - Q[k, t + 2]
     moved = (MOVED_TOUCHING if may_split(k, field, radius, reach, Q) else MOVED) * radius

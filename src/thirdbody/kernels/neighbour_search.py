@@ -48,11 +48,9 @@ _LIMITS = types.UniTuple(types.Tuple((_I, _F)), 2)
 
 @entry(_I(_F2, _F2, _SPHERES, _I1, _LIMITS, _S1, _S1), **DIRECT, **NO_COUNTS)
 def plate_candidates(S, P, spheres, patch_of, limits, own, partner):
-    """List the spheres near a plate in own and partner; return their number, also beyond the capacity.
-
-    `limits`: of the lower plate and of the upper one, the number of basins, 0 without the plate, and the largest height of the
-    lowest point of a sphere above its plane [m].
-    """
+    """List the spheres near a plate in own and partner; return their number, also beyond the capacity. `limits`: of the lower
+    plate and of the upper one, the number of basins, 0 without the plate, and the largest height of the lowest point of a sphere
+    above its plane [m]."""
     n = np.int64(0)
     for i in range(S.shape[0]):
         for plate in range(2):
@@ -75,10 +73,8 @@ def cell_of(x, low, size, count, periodic):
 
 @entry(types.void(_F2, _SPHERES, _GRID, _LISTS), **DIRECT, **NO_COUNTS)
 def fill_cells(S, spheres, grid, lists):
-    """Sort the spheres that can touch others by cell (z fastest), then by number.
-
-    Q (6, n + padding): centre, radius, number and body. `edges`: where each cell begins, shifted by one.
-    """
+    """Sort the spheres that can touch others by cell (z fastest), then by number, into Q (6, n + padding): centre, radius, number
+    and body. `edges`: where each cell begins, shifted by one."""
     (low, size, count, periodic, _, _), (edges, cells, Q) = grid, lists
     for i in range(S.shape[0]):
         a = cell_of(S[i, sphere.X], low[0], size[0], count[0], periodic[0])
@@ -120,10 +116,8 @@ def near(p, k, skin, box, Q):
 
 @njit(**BARE)
 def scan(p, first, end, skin, box, Q, pairs, m):
-    """Append the pairs of sphere p with near elements first to end to the m pairs so far; return the new m.
-
-    The number counts pairs beyond the capacity, too. Few are near: four are tested at once.
-    """
+    """Append the pairs of sphere p with near elements first to end to the m pairs so far; return the new m, which counts pairs
+    beyond the capacity, too. Few are near: four are tested at once."""
     for k in range(first, end, LANES):
         bits = near(p, np.int64(k), skin, box, Q)
         if bits != 0:
@@ -134,34 +128,21 @@ def scan(p, first, end, skin, box, Q, pairs, m):
     return m
 
 
-@njit(**BARE)
-def list_columns(a, b, count, periodic, columns):
-    """List the bottom cells of the columns around (a, b) that follow it in order; return their number.
-
-    So every pair of columns is visited once.
-    """
-    n = np.int64(0)
-    for step in range(9):
-        cell_x = neighbour(np.int64(a), step // 3 - 1, count[0], periodic[0])
-        cell_y = neighbour(np.int64(b), step % 3 - 1, count[1], periodic[1])
-        column = cell_x * count[1] + cell_y
-        columns[n] = column * count[2]
-        n += np.int64((cell_x >= 0) & (cell_y >= 0) & (column > a * count[1] + b))
-    return n
-
-
 @entry(_I(_I, _I, _F, _GRID, _LISTS, _I1, _S2), nogil=True, **DIRECT, **NO_COUNTS)
 def collect(first, last, skin, grid, lists, columns, pairs):
-    """List the pairs of spheres of different bodies within `skin` whose first sphere is in cell columns first to last - 1.
-
-    `pairs` (2, n): lower number first, unsorted. Returns their number, which counts pairs beyond the capacity, too. `columns`:
-    scratch for the bottom cells of the columns around one.
-    """
+    """List the pairs of spheres of different bodies within `skin` whose first sphere is in cell columns first to last - 1 in
+    `pairs` (2, n): lower number first, unsorted. Returns their number, also beyond the capacity. `columns`: scratch for cells
+    around one."""
     count, edges, Q, m = grid.cells, lists.edges, lists.Q, np.int64(0)
     box = Box(grid.length_x, grid.length_y, inverse(grid.length_x), inverse(grid.length_y), 0.0)
     for column in range(first, last):
         base, a, b = column * count[2], column // count[1], column % count[1]
-        beside = list_columns(a, b, count, grid.periodic, columns)
+        beside = np.int64(0)  # bottom cells of the columns around that follow it in order: every pair is visited once
+        for step in range(9):
+            cell_x = neighbour(np.int64(a), step // 3 - 1, count[0], grid.periodic[0])
+            cell_y = neighbour(np.int64(b), step % 3 - 1, count[1], grid.periodic[1])
+            columns[beside] = (cell_x * count[1] + cell_y) * count[2]
+            beside += np.int64((cell_x >= 0) & (cell_y >= 0) & (cell_x * count[1] + cell_y > column))
         for c in range(count[2]):
             low, high = max(c - 1, 0), min(c + 1, count[2] - 1) + 1
             for p in range(edges[base + c], edges[base + c + 1]):

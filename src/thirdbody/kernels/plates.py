@@ -201,10 +201,8 @@ def direct_force(P, p):
 
 @njit(**BARE)
 def max_stiffness(P, p, time):
-    """Return the largest stiffness [N/m] that direct contact can have within a time [s], from the present speed and forces.
-
-    The energy of the approach limits the depth, and the force that stops it grows with the depth.
-    """
+    """Return the largest stiffness [N/m] that direct contact can have within a time [s], from the present speed and forces: the
+    energy of the approach limits the depth, and the force that stops it grows with the depth."""
     v, a = P[p, patch.VELOCITY], (P[p, patch.FORCE] - P[p, patch.LOAD]) / P[p, patch.MASS]
     t = min(time, -v / a) if a > 0.0 and v < 0.0 else time
     deeper, now, length = max(-v * t - 0.5 * a * t * t, 0.0), direct_force(P, p), P[p, patch.DIRECT_LENGTH]
@@ -214,10 +212,8 @@ def max_stiffness(P, p, time):
 
 @njit(**BARE)
 def book_direct_contact(A, P, p, motion, old):
-    """Add a step to the totals A: impulses, and the work of friction, which the drive of the plate supplies.
-
-    P: patches at the end of the step; `old`: weight of the force at its start.
-    """
+    """Add a step to the totals A: impulses, and the work of friction, which the drive of the plate supplies. P: patches at the
+    end of the step; `old`: weight of the force at its start."""
     normal, mu = direct_force(P, p), P[p, patch.DIRECT_FRICTION]
     speed = math.sqrt(motion.v_x * motion.v_x + motion.v_y * motion.v_y)
     drag = mu * normal / speed if speed > 0.0 else 0.0

@@ -56,30 +56,6 @@ def component(q, field, v, G):
 
 
 @njit(**BARE)
-def travel(i, j, q, context, motion, G):
-    """Return the mean velocity of the contact area over the two surfaces [m/s], along the frame's axes.
-
-    This is the velocity of the contact point less that of the material. The contact point lies on the line of centres; under a
-    sphere on a plate it moves with the sphere.
-    """
-    S, (n_x, n_y, n_z) = context.S, read_vector(G, q + geometry.NORMAL * TILE)
-    columns = np.int64(sphere.MID_VELOCITY), np.int64(sphere.MID_SPIN)  # not literals: callees would be compiled once more
-    a_i, a_j = G[q + geometry.ARM * TILE], G[q + geometry.PARTNER_ARM * TILE]
-    b_x, b_y, b_z = partner_velocity(j, context, columns, (a_j * n_x, a_j * n_y, a_j * n_z), motion)
-    a_x, a_y, a_z = surface_velocity(i, S, columns, (-a_i * n_x, -a_i * n_y, -a_i * n_z))
-    fraction = 0.0
-    p_x, p_y, p_z = 0.0, 0.0, 0.0
-    if is_sphere(j):
-        fraction = S[i, sphere.RADIUS] / (S[i, sphere.RADIUS] + S[j, sphere.RADIUS])
-        p_x, p_y, p_z = S[j, sphere.MID_VELOCITY], S[j, sphere.MID_VELOCITY + 1], S[j, sphere.MID_VELOCITY + 2]
-    c_x = (1.0 - fraction) * S[i, sphere.MID_VELOCITY] + fraction * p_x - 0.5 * (a_x + b_x)
-    c_y = (1.0 - fraction) * S[i, sphere.MID_VELOCITY + 1] + fraction * p_y - 0.5 * (a_y + b_y)
-    c_z = (1.0 - fraction) * S[i, sphere.MID_VELOCITY + 2] + fraction * p_z - 0.5 * (a_z + b_z)
-    c = c_x, c_y, c_z
-    return component(q, np.int64(geometry.AXIS), c, G), component(q, np.int64(geometry.CROSS_AXIS), c, G)
-
-
-@njit(**BARE)
 def gather_rolling(q, k, context, motion, tile):
     """Gather relative rotation, its rate at the end of the step, and travel of the contact area into element q."""
     i, j, S, dt = context.own[k], context.partner[k], context.S, motion.dt
@@ -94,33 +70,40 @@ def gather_rolling(q, k, context, motion, tile):
         I[at + rolling_input.TWIST_RATE * TILE] = component(q, np.int64(geometry.NORMAL), w, G)
     I[at + rolling_input.RATE_X * TILE] = component(q, np.int64(geometry.AXIS), w, G)
     I[at + rolling_input.RATE_Y * TILE] = component(q, np.int64(geometry.CROSS_AXIS), w, G)
-    along, across = travel(i, j, q, context, motion, G)
-    I[at + rolling_input.TRAVEL_X * TILE], I[at + rolling_input.TRAVEL_Y * TILE] = along * dt, across * dt
+    # mean velocity of the contact point less that of the material on both sides; the point lies on the line of centres; under a
+    # sphere on a plate it moves with the sphere
+    n_x, n_y, n_z = read_vector(G, q + geometry.NORMAL * TILE)
+    a_i, a_j = G[q + geometry.ARM * TILE], G[q + geometry.PARTNER_ARM * TILE]
+    columns = np.int64(sphere.MID_VELOCITY), np.int64(sphere.MID_SPIN)  # not literals: callees would be compiled once more
+    b_x, b_y, b_z = partner_velocity(j, context, columns, (a_j * n_x, a_j * n_y, a_j * n_z), motion)
+    a_x, a_y, a_z = surface_velocity(i, S, columns, (-a_i * n_x, -a_i * n_y, -a_i * n_z))
+    fraction, p_x, p_y, p_z = 0.0, 0.0, 0.0, 0.0
+    if is_sphere(j):
+        fraction = S[i, sphere.RADIUS] / (S[i, sphere.RADIUS] + S[j, sphere.RADIUS])
+        p_x, p_y, p_z = S[j, sphere.MID_VELOCITY], S[j, sphere.MID_VELOCITY + 1], S[j, sphere.MID_VELOCITY + 2]
+    c_x = (1.0 - fraction) * S[i, sphere.MID_VELOCITY] + fraction * p_x - 0.5 * (a_x + b_x)
+    c_y = (1.0 - fraction) * S[i, sphere.MID_VELOCITY + 1] + fraction * p_y - 0.5 * (a_y + b_y)
+    c_z = (1.0 - fraction) * S[i, sphere.MID_VELOCITY + 2] + fraction * p_z - 0.5 * (a_z + b_z)
+    c = c_x, c_y, c_z
+    I[at + rolling_input.TRAVEL_X * TILE] = component(q, np.int64(geometry.AXIS), c, G) * dt
+    I[at + rolling_input.TRAVEL_Y * TILE] = component(q, np.int64(geometry.CROSS_AXIS), c, G) * dt
 
 
 @njit(**BARE)
-def add_moments(n, n_history, tile):
+def add_moments(n, context, tile):
     """Add the moments of n contacts to the torques: M on the owner's body, -M on the partner's."""
     O, G = tile.outputs, tile.geometry  # noqa: E741
     for q in range(n):
-        at = (law_output.HISTORY + n_history) * TILE + q
+        at = (law_output.HISTORY + context.n_history) * TILE + q
         m_1, m_2 = O[at + rolling_output.MOMENT_X * TILE], O[at + rolling_output.MOMENT_Y * TILE]
         for d in range(3):
             moment = m_1 * G[q + (geometry.AXIS + d) * TILE] + m_2 * G[q + (geometry.CROSS_AXIS + d) * TILE]
             G[q + (geometry.TORQUE + d) * TILE] += moment
             G[q + (geometry.PARTNER_TORQUE + d) * TILE] -= moment
-
-
-@njit(**BARE)
-def add_twist_moments(n, n_history, tile):
-    """Add the moments of n contacts about their normals to the torques, as `add_moments`."""
-    O, G = tile.outputs, tile.geometry  # noqa: E741
-    for q in range(n):
-        twist = O[(law_output.HISTORY + n_history + rolling_output.TWIST_MOMENT) * TILE + q]
-        for d in range(3):
-            moment = twist * G[q + (geometry.NORMAL + d) * TILE]
-            G[q + (geometry.TORQUE + d) * TILE] += moment
-            G[q + (geometry.PARTNER_TORQUE + d) * TILE] -= moment
+            if has_twist(context):
+                moment = O[at + rolling_output.TWIST_MOMENT * TILE] * G[q + (geometry.NORMAL + d) * TILE]
+                G[q + (geometry.TORQUE + d) * TILE] += moment
+                G[q + (geometry.PARTNER_TORQUE + d) * TILE] -= moment
 
 
 @njit(**BARE)

@@ -58,41 +58,17 @@ def number(unit: str, meaning: str, at: int | str | None = None) -> _Declared:
 
 
 def vector(width: int, unit: str, meaning: str, at: int | str | None = None) -> _Declared:
-    """Return the declaration of a quantity of several columns, for `Table`.
-
-    Parameters
-    ----------
-    width : int
-        Number of columns.
-    unit, meaning, at
-        As of `number`.
-
-    Returns
-    -------
-    object
-        The declaration.
-    """
+    """Return the declaration of a quantity of `width` columns, for `Table`; unit, meaning, at: as of `number`."""
     return _Declared(width, unit, meaning, at)
 
 
 def skip(width: int) -> _Declared:
-    """Return the declaration of columns that are left unused, for `Table`.
-
-    Parameters
-    ----------
-    width : int
-        Number of columns.
-
-    Returns
-    -------
-    object
-        The declaration.
-    """
+    """Return the declaration of `width` columns that are left unused, for `Table`."""
     return _Declared(width, "", "", None, "skip")
 
 
 def mark() -> _Declared:
-    """Declare a constant, the width of the table so far."""
+    """Return the declaration of a constant, the width of the table so far."""
     return _Declared(0, "", "", None, "mark")
 
 

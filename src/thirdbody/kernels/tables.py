@@ -1,6 +1,6 @@
 """Tables of numbers that kernels share: C-contiguous float64, one row per thing; a kernel touches few cache lines.
 
-Tables of one algorithm are declared beside it: `tile`, `explicit.tables`, `implicit.tables`, `spot_loads`.
+Tables of one algorithm are declared elsewhere: `tile`, `step_tables`, `close_spots`.
 """
 
 from thirdbody.kernels.table import Table, mark, number, skip, vector

@@ -27,7 +27,6 @@ def matrix(w, x, y, z):
 
 @njit(**BARE)
 def _to_body(w, x, y, z, v):
-    """Return a vector in body axes."""
     a, b, c, d, e, f, g, h, i = matrix(w, x, y, z)
     return a * v[0] + d * v[1] + g * v[2], b * v[0] + e * v[1] + h * v[2], c * v[0] + f * v[1] + i * v[2]
 
@@ -106,7 +105,6 @@ def normalise(q):
 
 @njit(**BARE)
 def nearest_image(d, length):
-    """Return the separation d to the nearest image in a period of `length`."""
     return d - length * np.rint(d / length) if length > 0.0 else d
 
 
@@ -124,7 +122,6 @@ def image(d, length, inverse):
 
 @njit(**BARE)
 def images(d, length, inverse):
-    """Return `image` of four separations."""
     return d - broadcast(length) * round_to_nearest(d * broadcast(inverse))
 
 

@@ -8,17 +8,7 @@ the engine rotates with the rolling and twisting pair, so no law ever has to rot
 A law consists of *kernels*: plain functions of floats and named tuples, decorated with `kernel`, branch-free where possible. They
 see no indices, units, files or scene. All quantities are in SI units.
 
-Kernels by stage (`h` only for laws that name a history; they return `(result, (new history...))`):
-
-| stage | kernel | result |
-|---|---|---|
-| normal | `(c, p[, h])` | `Normal` |
-| adhesion | `(c, n, p[, h])` | `Adhesion` |
-| damping | `(c, n, p)` | viscous normal force [N] |
-| tangential | `(c, load, p[, h])` | `Tangential` |
-| tangential_damping | `(c, load, p)` | viscous force opposing slip per unit slip velocity [N s/m] |
-| rolling | `(c, turn, load, p[, h])` | `Rolling` |
-| twisting | `(c, twist, load, p[, h])` | `Twisting` |
+Arguments and results of the kernels by stage: README.md of the plug-ins, "A law in one file".
 
 A tangential law may also have a *field*: floats per contact, whose number its options may determine. Its kernel is `(c, load, p,
 h, w, w_new)`: it reads the array `w`, zeros in a virgin contact, and fills all of `w_new`; its tangent is `(c, load, p, h, w)`.
@@ -56,16 +46,15 @@ from typing import TYPE_CHECKING, Any
 
 from numba import njit
 
-from thirdbody.dimensions import DIMENSIONS
 from thirdbody.errors import nearest
 from thirdbody.kernels.table import Column
+from thirdbody.units import DIMENSIONS
 
 if TYPE_CHECKING:
     from thirdbody.laws.measures import Measure
 
 STAGES = ("normal", "adhesion", "damping", "tangential", "tangential_damping", "rolling", "twisting")
-STIFF = ("normal", "tangential", "rolling", "twisting")
-"""Stages whose tangents bound the time step."""
+STIFF = ("normal", "tangential", "rolling", "twisting")  # stages whose tangents bound the time step
 
 _LAW: dict[str, Any] = {"error_model": "numpy", "forceinline": True, "no_cfunc_wrapper": True}
 kernel = njit(**_LAW)
@@ -109,7 +98,7 @@ PAIR_KEYS = ("rolling_friction", "work_of_adhesion")
 class Option:
     """Option of a law or an effect, set in the scene.
 
-    `dimension` is a name of `thirdbody.dimensions.DIMENSIONS`, such as "length" or "dimensionless"; `size` > 1 makes it a vector;
+    `dimension` is a name of `thirdbody.units.DIMENSIONS`, such as "length" or "dimensionless"; `size` > 1 makes it a vector;
     `default=None` makes it required; values outside [low, high] are rejected. With `words` the value must be one of them; with
     `or_number` it may be a number, too. `pair_key` is the key of [[pairs]] that replaces it for a pair (PAIR_KEYS); where every
     pair has that key, the option may be left out. Raises ValueError for an unknown dimension or key of pairs.
@@ -166,7 +155,7 @@ class Law:
     radii (n,) [m]: bodies whose contact pushes with less hang together (`agglomerate`). `remark(pair, options, low, high)` is
     what `check` says of a pair between these effective radii [m], and whether that is a warning. `in_steps(p, integrator)`
     returns the parameters of a pair in explicit or implicit steps, of a normal law whose force jumps: see
-    `plugins/effects/jkr.py`. The engine does what is needed for an adhesion law that acts from touch on (`laws.tile_law`).
+    `plugins/effects/adhesion.py`. The engine does what is needed for an adhesion law that acts from touch on (`laws.tile_law`).
     """
 
     name: str

@@ -113,6 +113,10 @@ def with_forms(law: Law, elastic: Callable, renewing: Callable, rolling: Law, sp
     return replace(forms[0, False], variant=variant)
 
 
+def _rate(pair: Pair, options: Options) -> float:  # of renewal; zero for the rescaled force
+    return retained_energy(options) * renewal_rate(pair, options)
+
+
 class CoulombParameters(NamedTuple):
     """Friction; slip at the limit over the contact's radius of curvature; G* [Pa]; whether a non-uniform field is remembered."""
 
@@ -166,13 +170,6 @@ def mix_coulomb(pair: Pair, options: Options) -> CoulombParameters:
     return CoulombParameters(pair.friction, options["slip_scale"], g_star(pair.a, pair.b), retained_energy(options))
 
 
-def mix_coulomb_rolling(pair: Pair, options: Options) -> RollingCoulombParameters:
-    """As `mix_coulomb`, with the rate of renewal; zero for the rescaled force."""
-    rate = retained_energy(options) * renewal_rate(pair, options)
-    rates = (0.0, rate) if options["renewal"] == "kalker" else (rate, 0.0)
-    return RollingCoulombParameters(*mix_coulomb(pair, options)[:3], *rates)
-
-
 _COULOMB = Law(
     name="coulomb",
     stage="tangential",
@@ -187,7 +184,13 @@ _COULOMB = Law(
     ),
     source="Coulomb 1785, regularised as an elastic-plastic spring (Cundall and Strack 1979, stiffness following the load)",
 )  # fmt: skip
-_ROLLING = replace(_COULOMB, parameters=RollingCoulombParameters, mix=mix_coulomb_rolling)
+_ROLLING = replace(
+    _COULOMB, parameters=RollingCoulombParameters,
+    mix=lambda pair, options: RollingCoulombParameters(
+        *mix_coulomb(pair, options)[:3],
+        *((0.0, _rate(pair, options)) if options["renewal"] == "kalker" else (_rate(pair, options), 0.0)),
+    ),
+)  # fmt: skip
 COULOMB = with_forms(_COULOMB, spring_of_load, renewal_of_load, _ROLLING, globals())
 
 
@@ -235,11 +238,6 @@ def mix_mindlin(pair: Pair, options: Options) -> MindlinParameters:
     return MindlinParameters(g, pair.friction, pair.friction * e_star(pair.a, pair.b) / g, retained_energy(options))
 
 
-def mix_mindlin_rolling(pair: Pair, options: Options) -> RollingMindlinParameters:
-    """As `mix_mindlin`, with the rate of renewal; zero for the rescaled force."""
-    return RollingMindlinParameters(*mix_mindlin(pair, options)[:3], retained_energy(options) * renewal_rate(pair, options))
-
-
 _MINDLIN = Law(
     name="mindlin",
     stage="tangential",
@@ -249,5 +247,8 @@ _MINDLIN = Law(
     options=(MEMORY, RENEWAL_OF_SPRINGS),
     source="Mindlin 1949; loss of area: Walton and Braun 1986, Thornton and Randall 1988; memory: thirdbody.laws.memory",
 )
-_ROLLING = replace(_MINDLIN, parameters=RollingMindlinParameters, mix=mix_mindlin_rolling)
+_ROLLING = replace(
+    _MINDLIN, parameters=RollingMindlinParameters,
+    mix=lambda pair, options: RollingMindlinParameters(*mix_mindlin(pair, options)[:3], _rate(pair, options)),
+)  # fmt: skip
 MINDLIN = with_forms(_MINDLIN, spring_of_area, renewal_of_area, _ROLLING, globals())

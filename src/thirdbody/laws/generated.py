@@ -260,28 +260,23 @@ def load_module(kind: str, text: str, functions: Sequence[Callable]) -> tuple[Mo
     path = cache.folder() / f"{name}.py"
     with import_lock:
         if name not in sys.modules:
+            content, missing = text.encode(), True
+            with suppress(OSError):
+                missing = path.read_bytes() != content  # or damaged: from it numba decides whether its code is still valid
             try:
-                _write(path, text.encode())
+                if missing:
+                    if path.is_dir() and not path.is_symlink():
+                        shutil.rmtree(path)
+                    draft = path.with_suffix(f".{os.getpid()}")
+                    draft.write_bytes(content)
+                    os.replace(draft, path)  # atomic: several processes may write the same name
             except OSError as error:
                 raise cache.cannot_write(path, error) from error
             import_text(name, path, text)
         return sys.modules[name], path
 
 
-def _write(path: Path, content: bytes) -> None:
-    """Write a file if it is missing or damaged: from its content numba decides whether its compiled code is still valid."""
-    with suppress(OSError):
-        if path.read_bytes() == content:
-            return
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path)
-    draft = path.with_suffix(f".{os.getpid()}")
-    draft.write_bytes(content)
-    os.replace(draft, path)  # atomic: several processes may write the same name
-
-
-GENERATED = re.compile(r"thirdbody_[a-z]+_[0-9a-f]{20}\.py")
-"""Files of generated code (`load_module`)."""
+GENERATED = re.compile(r"thirdbody_[a-z]+_[0-9a-f]{20}\.py")  # files of generated code (`load_module`)
 
 
 def compile_error(problem: Exception) -> str | None:

@@ -12,7 +12,7 @@ from thirdbody.laws.data import Normal
 
 
 def e_star(a: Material, b: Material) -> float:
-    """Effective modulus of normal contact: 1/E* = (1 - nu_a)/(2 G_a) + (1 - nu_b)/(2 G_b).
+    """Effective modulus of normal contact: 1/E* = (1 - nu_a)/(2 G_a) + (1 - nu_b)/(2 G_b) (Willert, Eq. 4).
 
     Parameters
     ----------
@@ -24,10 +24,6 @@ def e_star(a: Material, b: Material) -> float:
     float
         E* [Pa].
 
-    Source
-    ------
-    E. Willert, Self-consistency conditions in static three-body elastic tangential contact, Eq. 4.
-
     Examples
     --------
     >>> steel = plugin.Material("steel", shear_modulus=80e9, poisson_ratio=0.3, density=7850.0)
@@ -38,7 +34,7 @@ def e_star(a: Material, b: Material) -> float:
 
 
 def g_star(a: Material, b: Material) -> float:
-    """Effective modulus of tangential contact: 1/G* = (2 - nu_a)/(4 G_a) + (2 - nu_b)/(4 G_b).
+    """Effective modulus of tangential contact: 1/G* = (2 - nu_a)/(4 G_a) + (2 - nu_b)/(4 G_b) (Willert, Eq. 14).
 
     Parameters
     ----------
@@ -49,16 +45,12 @@ def g_star(a: Material, b: Material) -> float:
     -------
     float
         G* [Pa], four times the G_eff of most DEM codes.
-
-    Source
-    ------
-    E. Willert, Self-consistency conditions in static three-body elastic tangential contact, Eq. 14.
     """
     return 1.0 / ((2.0 - a.poisson_ratio) / (4.0 * a.shear_modulus) + (2.0 - b.poisson_ratio) / (4.0 * b.shear_modulus))
 
 
 def dundurs_beta(a: Material, b: Material) -> float:
-    """Dundurs' second parameter: zero if the pair is elastically similar, as Hertz-Mindlin assumes.
+    """Dundurs' second parameter: zero if the pair is elastically similar, as Hertz-Mindlin assumes (Willert, Eq. 3).
 
     Parameters
     ----------
@@ -68,11 +60,7 @@ def dundurs_beta(a: Material, b: Material) -> float:
     Returns
     -------
     float
-        beta = ((1-2 nu_a)/G_a - (1-2 nu_b)/G_b)/(2 (1-nu_a)/G_a + 2 (1-nu_b)/G_b).
-
-    Source
-    ------
-    E. Willert, Self-consistency conditions in static three-body elastic tangential contact, Eq. 3; Johnson 1985, Eq. 5.3.
+        beta = ((1-2 nu_a)/G_a - (1-2 nu_b)/G_b)/(2 (1-nu_a)/G_a + 2 (1-nu_b)/G_b) (Johnson 1985, Eq. 5.3).
     """
     x, y = (1.0 - 2.0 * a.poisson_ratio) / a.shear_modulus, (1.0 - 2.0 * b.poisson_ratio) / b.shear_modulus
     s, t = (2.0 - 2.0 * a.poisson_ratio) / a.shear_modulus, (2.0 - 2.0 * b.poisson_ratio) / b.shear_modulus

@@ -21,8 +21,7 @@ SUM, MEAN, MAXIMUM = KINDS = ("sum", "mean", "maximum")
 """How an amount is collected: summed over the steps; its mean over the time of the drag (before it, of settling) in
 which its contacts are closed; its maximum."""
 
-ADD, MAX = 0, 1
-"""Codes of the two operations in `Layout.targets`."""
+ADD, MAX = 0, 1  # codes of the two operations in `Layout.targets`
 
 
 @dataclass(frozen=True)

@@ -267,5 +267,4 @@ def of_rings(size: int) -> Memory:
     return Memory(HISTORY[:size], step, remaining_rings, scaled_rings)
 
 
-MEMORIES = Memory(HISTORY[:3], stretched, remaining, scaled), of_rings(8), of_rings(11)
-"""By the number of closed rings."""
+MEMORIES = Memory(HISTORY[:3], stretched, remaining, scaled), of_rings(8), of_rings(11)  # by the number of closed rings

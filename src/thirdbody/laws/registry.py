@@ -24,8 +24,7 @@ from thirdbody.system.module_import import import_file, import_lock
 
 GROUP = "thirdbody.plugins"
 
-DEBRIS_KINDS = "DEBRIS_KINDS"
-"""Name of the tuple of kinds of debris in a plug-in file (`scene.debris.registry`)."""
+DEBRIS_KINDS = "DEBRIS_KINDS"  # name of the tuple of kinds of debris in a plug-in file (`debris.registry`)
 
 CATALOGUE = Plugin(
     name="catalogue",

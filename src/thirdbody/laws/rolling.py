@@ -8,11 +8,8 @@ from thirdbody.laws.data import Rolling
 from thirdbody.laws.hertz import e_star
 from thirdbody.laws.memory import friction_tangent
 
-STIFFNESS = 2.25
-"""k_r over k_n (mu_r R*)^2 (Iwashita and Oda 1998; Wensrich and Katterfeld 2012, Eq. 10)."""
-
-INERTIA = 7.0 / 5.0
-"""Moment of inertia of a ball about its contact point over m R^2."""
+STIFFNESS = 2.25  # k_r over k_n (mu_r R*)^2 (Iwashita and Oda 1998; Wensrich and Katterfeld 2012, Eq. 10).
+INERTIA = 7.0 / 5.0  # moment of inertia of a ball about its contact point over m R^2
 
 
 class RollingParameters(NamedTuple):

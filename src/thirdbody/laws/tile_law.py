@@ -15,7 +15,7 @@ from typing import Any
 
 from numba import njit
 
-from thirdbody.jit.memory import array_part, stack_array
+from thirdbody.jit.arguments import array_part, stack_array
 from thirdbody.jit.options import BARE, INNER, OPTIONS
 from thirdbody.kernels.memory import broadcast_parameters
 from thirdbody.kernels.tile import TILE, contact_tangent, law_input, law_output, rolling_input, rolling_output

@@ -5,8 +5,8 @@ from matplotlib.axes import Axes
 
 from thirdbody.palette import LINE_COLORS as LINES
 from thirdbody.plot.run_data import RunData
-from thirdbody.quantity import scale_values, unit_for
 from thirdbody.trajectory.accommodation_fractions import WORDS, accommodation_fractions, short_accommodation_text
+from thirdbody.units import scale_values, unit_for
 
 ACCOMMODATION_NOTE = (
     "Velocity accommodation: the speed of the upper plate as the sum of slip at the contacts of both plates, of what the rotation"

@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 from thirdbody.granular_flow import SLOW
 from thirdbody.palette import LINE_COLORS as LINES
 from thirdbody.plot.run_data import RunData
-from thirdbody.quantity import scale_values
+from thirdbody.units import scale_values
 
 MEASURES = {
     "inertial_number": ("inertial number", LINES["black"], "-"),

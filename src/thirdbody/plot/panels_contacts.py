@@ -7,7 +7,7 @@ from matplotlib.ticker import MaxNLocator
 from thirdbody.palette import LINE_COLORS as LINES
 from thirdbody.palette import SPARE_COLORS
 from thirdbody.plot.run_data import BETWEEN, RunData
-from thirdbody.quantity import percent, quantity_text, scale_values
+from thirdbody.units import percent, quantity_text, scale_values
 
 LIMIT = 0.999
 """Utilisation from which a contact counts as slipping."""

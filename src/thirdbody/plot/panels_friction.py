@@ -7,9 +7,9 @@ from matplotlib.axes import Axes
 
 from thirdbody.palette import LINE_COLORS as LINES
 from thirdbody.plot.run_data import RunData
-from thirdbody.quantity import quantity_text, scale_values, unit_for
 from thirdbody.trajectory.friction import force_on_plate
 from thirdbody.trajectory.statistics import running_mean
+from thirdbody.units import quantity_text, scale_values, unit_for
 
 WINDOW_FRACTION = 0.1
 """Fraction of the run covered by one running mean."""

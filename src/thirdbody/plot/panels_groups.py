@@ -5,8 +5,8 @@ from typing import Any
 from matplotlib.axes import Axes
 
 from thirdbody.plot.run_data import RunData
-from thirdbody.quantity import percent
 from thirdbody.trajectory.state_groups import POPULATION, fractions_text, informative_groups, states_by_group
+from thirdbody.units import percent
 
 GROUPS_NOTE = (
     "Groups: states of the bodies at the last frame by population, by material where populations share one, and in size classes"

@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 
 from thirdbody.palette import LINE_COLORS as LINES
 from thirdbody.plot.run_data import RunData
-from thirdbody.quantity import quantity_text, unit_for
 from thirdbody.trajectory.bed_verdict import steady
+from thirdbody.units import quantity_text, unit_for
 
 PROFILES_NOTE = (
     "Profiles: means in slabs between the plates, over the second half of the sliding or of the cycles (there along the motion of"

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 
 from thirdbody.palette import LINE_COLORS as LINES
 from thirdbody.plot.run_data import RunData
-from thirdbody.quantity import percent, quantity_text, scale_values, unit_for
+from thirdbody.units import percent, quantity_text, scale_values, unit_for
 
 STATES_NOTE = (
     "States: free, carries no load; sticking, moves no further than elastic contacts give way; sliding, all its contacts with one"

@@ -27,8 +27,8 @@ from thirdbody.plot import panels_profiles as profiles
 from thirdbody.plot import panels_series as series
 from thirdbody.plot.forecast_plot import DOTS, check_format
 from thirdbody.plot.run_data import RunData
-from thirdbody.quantity import GLUE, MINUS, quantity_text, unit_for
 from thirdbody.trajectory.reader import Run, open_run
+from thirdbody.units import GLUE, MINUS, quantity_text, unit_for
 
 INK, SOFT = "#222222", "#5A626C"
 WIDTH = 8.27

@@ -14,8 +14,8 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from thirdbody.atomic_files import write_whole
 from thirdbody.errors import OutputError
 from thirdbody.palette import INK, LINE_COLORS, SOFT_INK
-from thirdbody.quantity import quantity_text, round_length, unit_for, with_unit
 from thirdbody.surfaces.statistics import Statistics
+from thirdbody.units import quantity_text, round_length, unit_for, with_unit
 
 WIDTH, HEIGHT, DOTS = 10.0, 4.6, 160
 """Of the picture [inch], and its dots per inch."""

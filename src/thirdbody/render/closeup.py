@@ -11,7 +11,6 @@ import numpy as np
 import pyvista
 
 from thirdbody.palette import INK, SOFT_INK, STATE_COLORS
-from thirdbody.quantity import with_unit
 from thirdbody.render.canvas import Canvas
 from thirdbody.render.closeup_data import CloseUpData
 from thirdbody.render.coloring import Legend
@@ -19,6 +18,7 @@ from thirdbody.render.layout import HEADING, add_direction, finish_view, write_t
 from thirdbody.render.legend import draw_legend, legend_height
 from thirdbody.render.overlay import Overlay
 from thirdbody.render.viewport import Viewport
+from thirdbody.units import with_unit
 
 _MARGIN, _LONGEST, _SMALLEST = 0.52, 0.62, 0.035
 """Margin around the particle, longest arrow and smallest visible contact, over the particle's size."""

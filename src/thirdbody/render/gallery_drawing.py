@@ -11,11 +11,11 @@ import numpy as np
 import pyvista
 
 from thirdbody.palette import INK, SOFT_INK, field_colors
-from thirdbody.quantity import round_length, with_unit
 from thirdbody.render.canvas import GLOSSY, Canvas, Pane, save_png
 from thirdbody.render.coloring import Legend
 from thirdbody.render.legend import draw_legend
 from thirdbody.render.overlay import Overlay, rectangle
+from thirdbody.units import round_length, with_unit
 
 # Pixels.
 _WIDTH, _MARGIN, _TITLE, _HEADING, _LABEL, _GAP, _LEGEND = 1600, 40, 84, 92, 36, 34, 72

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from thirdbody.palette import INK, field_colors
-from thirdbody.quantity import prefix_for, ticks, with_unit
 from thirdbody.render.coloring import Legend
 from thirdbody.render.overlay import Overlay, rectangle
+from thirdbody.units import prefix_for, ticks, with_unit
 
 _LOWEST, _LEFT, _SPACE = 48.0, 32.0, 48.0
 _STRIPS = 128

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from thirdbody.errors import ThirdbodyError
 from thirdbody.palette import state_colors
-from thirdbody.quantity import percent, quantity_text
 from thirdbody.trajectory.reader import Run
+from thirdbody.units import percent, quantity_text
 
 SIZE = (960, 540)
 """Size of the picture [pixels]."""

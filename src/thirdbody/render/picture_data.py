@@ -8,7 +8,6 @@ from itertools import product
 import numpy as np
 
 from thirdbody.errors import InputError
-from thirdbody.quantity import quantity_text, with_unit
 from thirdbody.render.coloring import Arrays, Legend, LegendScale, compute_coloring
 from thirdbody.render.force_tubes import Tubes, force_tubes
 from thirdbody.render.surface_mesh import PlateSurface, Touching, read_plate_surfaces
@@ -16,6 +15,7 @@ from thirdbody.trajectory.names import LOWER_PLATE
 from thirdbody.trajectory.reader import Run
 from thirdbody.trajectory.rebuilt_spheres import rows_of
 from thirdbody.trajectory.state_groups import code_name
+from thirdbody.units import quantity_text, with_unit
 
 Window = tuple[np.ndarray, np.ndarray]
 """Lowest and highest corner (2,) of a part of the domain [m]."""

@@ -14,10 +14,10 @@ import numpy as np
 
 from thirdbody.atomic_files import write_whole
 from thirdbody.errors import InputError, OutputError, nearest
-from thirdbody.quantity import GLUE, quantity_text
 from thirdbody.trajectory.map_statistics import NO_MAPS, maps_of_cycles
 from thirdbody.trajectory.plate_maps import PLATES
 from thirdbody.trajectory.reader import Run
+from thirdbody.units import GLUE, quantity_text
 
 DOTS = 100.0
 """Pixels per inch."""

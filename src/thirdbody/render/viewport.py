@@ -6,12 +6,12 @@ import numpy as np
 import pyvista
 
 from thirdbody.palette import INK, pale
-from thirdbody.quantity import round_length, with_unit
 from thirdbody.render.canvas import OVERSAMPLING, Canvas, Rectangle
 from thirdbody.render.force_tubes import THICKEST, tube_mesh
 from thirdbody.render.overlay import WIDTH
 from thirdbody.render.picture_data import PictureData
 from thirdbody.render.surface_mesh import CONTACT, SMALLEST_CONTACT, skirt, window_mesh
+from thirdbody.units import round_length, with_unit
 
 _PLATE, _PLATE_EDGES = "#DDE1E6", "#8A929C"
 _GLASS, _GLASS_EDGES = "#9DB9DD", "#4F74A8"

@@ -7,9 +7,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from thirdbody.granular_flow import LAYERS, inertia_verdict
-from thirdbody.quantity import duration
 from thirdbody.system.terminal import print_line
-from thirdbody.units import pretty
+from thirdbody.units import duration, pretty
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from thirdbody.bodies.clump import Clump
     from thirdbody.bodies.mesh import Mesh
     from thirdbody.bodies.mesh_to_clump import Fit
-    from thirdbody.scene.debris.kinds.mesh import MeshShape
+    from thirdbody.debris.mesh import MeshShape
     from thirdbody.scene.model import Scene
 
 SEED = 1
@@ -55,7 +55,7 @@ def mesh_population(path: Path, unit: str | None, spheres: int | None, seed: int
     """Return one body that follows a mesh file, of unit density. Raises UsageError for the unit, InputError for the mesh."""
     from thirdbody.bodies.mesh import load_mesh
     from thirdbody.bodies.mesh_to_clump import clump_from_mesh
-    from thirdbody.scene.debris.kinds.mesh import MeshShape
+    from thirdbody.debris.mesh import MeshShape
     from thirdbody.units import parse
 
     if unit is None:
@@ -106,7 +106,7 @@ def read_shapes(
 def _of_folder(folder: Path, unit: str | None, spheres: int | None, seed: int | None) -> list[Population]:
     """Return a body for every mesh file of a folder. Raises as `mesh_population`, and InputError where there is none."""
     from thirdbody.bodies.mesh import SUFFIXES
-    from thirdbody.scene.debris.kinds.mesh import meshes_in
+    from thirdbody.debris.mesh import meshes_in
 
     files = meshes_in(folder)
     if not files:
@@ -267,8 +267,8 @@ def _by_mesh(population: Population) -> list[Population]:
 def _group(population: Population) -> Any:
     """Return text and shapes of a population of one mesh or none, for the picture."""
     from thirdbody.bodies.clump import matrix_from_quaternion
-    from thirdbody.quantity import with_unit
     from thirdbody.render.gallery import Group
+    from thirdbody.units import with_unit
 
     entry = population_statistics(population)
     diameter, spheres = entry["diameter"], entry["spheres"]

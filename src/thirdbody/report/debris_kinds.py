@@ -10,8 +10,8 @@ from thirdbody.system.terminal import print_line
 
 def kinds_report(kind: str | None, plugins: Sequence[Path], json: bool) -> None:
     """Print all kinds of debris and their sources, or the keys of one kind. Raises UsageError for an unknown kind."""
+    from thirdbody.debris.registry import DebrisKinds
     from thirdbody.report.tables import print_json, table
-    from thirdbody.scene.debris.registry import DebrisKinds
     from thirdbody.scene.keys import table_keys
 
     result = DebrisKinds(plugins)

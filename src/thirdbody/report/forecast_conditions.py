@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from thirdbody.quantity import percent
 from thirdbody.trajectory.reader import Run
+from thirdbody.units import percent
 
 MAX_NEIGHBOURS = 0.2
 """Fraction of the bodies that touch another one in the watched drag."""

@@ -8,7 +8,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from thirdbody.dimensions import DIMENSIONS
 from thirdbody.errors import EXIT_CODES, UsageError, nearest
 from thirdbody.laws.contract import Labeller, Option
 from thirdbody.laws.measures import layout_of
@@ -16,6 +15,7 @@ from thirdbody.laws.registry import Registry, discover
 from thirdbody.scene.keys import Key, merged, scene_keys, toml
 from thirdbody.scene.model import Scene
 from thirdbody.trajectory.names import COUNT, FRACTION, SERIES, TABLES, Name
+from thirdbody.units import DIMENSIONS
 
 KEY_HEADINGS = ("key", "for", "value", "unit", "default", "meaning", "example")
 NAME_HEADINGS = ("name", "unit", "meaning")

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from thirdbody.errors import InputError
-from thirdbody.quantity import percent, quantity_text
 from thirdbody.report.tables import table
 from thirdbody.trajectory.map_statistics import NO_MAPS
+from thirdbody.units import percent, quantity_text
 
 if TYPE_CHECKING:
     from thirdbody.trajectory.reader import Run

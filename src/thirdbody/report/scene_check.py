@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from thirdbody.quantity import duration, file_size
 from thirdbody.report.active_components import part_warnings, parts
 from thirdbody.report.bed_report import bed_report, print_bed, speed_report
 from thirdbody.report.integration_trial import expected_integration
@@ -21,7 +20,7 @@ from thirdbody.report.tables import table
 from thirdbody.runner.frame_cost import FrameCost, frame_cost
 from thirdbody.runner.run_warnings import run_warnings
 from thirdbody.system.terminal import PrintableStream, print_line
-from thirdbody.units import pretty
+from thirdbody.units import duration, file_size, pretty
 
 if TYPE_CHECKING:
     from thirdbody.assembly.physics import CompiledPhysics
@@ -175,7 +174,8 @@ def memory_of(built: Simulation) -> int:
     Where closed contacts only have rows, these are as many as are expected in a run.
     """
     tables = [_whole(each) for owner in (built.state, built.integrator) for each in _tables(owner)]
-    return sum({id(each): each.nbytes for each in tables}.values()) + built.state.slots.rows.expected_bytes(built.state.n_bodies)
+    expected = getattr(built.state.slots.rows, "expected_bytes", lambda bodies: 0)  # `ClosedRows` have them
+    return sum({id(each): each.nbytes for each in tables}.values()) + expected(built.state.n_bodies)
 
 
 def _tables(owner: object) -> Iterator[np.ndarray]:
@@ -196,7 +196,7 @@ def _whole(array: np.ndarray) -> np.ndarray:
 
 def print_check(report: dict[str, Any]) -> None:
     """Print the result of `check_report`: warnings, then the run and its cost, then the physics and the resolved scene."""
-    from thirdbody.scene.toml_writer import toml_text
+    from thirdbody.schema.write import toml_text
 
     for warning in report["warnings"]:
         print_line(f"warning: {warning}")

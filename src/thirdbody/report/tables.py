@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from thirdbody.errors import InputError, printable
-from thirdbody.quantity import duration
 from thirdbody.system.terminal import print_line, terminal_of
-from thirdbody.units import pretty
+from thirdbody.units import duration, pretty
 
 if TYPE_CHECKING:
     from thirdbody.laws.registry import Registry

@@ -38,7 +38,7 @@ class FrameCost(NamedTuple):
 
 def frame_cost(built: Simulation) -> FrameCost:
     """Measure the cost of frames of a simulation after a trial."""
-    from thirdbody.engine.energy import Ledger
+    from thirdbody.engine.guards import Ledger
     from thirdbody.runner.measurements import selection_of
     from thirdbody.runner.simulate import run_header
     from thirdbody.runner.yield_check import PeakPressure

@@ -16,8 +16,8 @@ from thirdbody.runner.progress import Reporter
 from thirdbody.runner.run_folder import SCENE_FILE, refuse_links
 from thirdbody.runner.simulate import run_with_warnings
 from thirdbody.scene.model import Scene
-from thirdbody.scene.read import read_text
 from thirdbody.scene.tables import Solver
+from thirdbody.schema.read import read_text
 from thirdbody.trajectory.reader import FILE_NAME, Run, open_run
 
 if TYPE_CHECKING:

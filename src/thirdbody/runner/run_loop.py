@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from thirdbody.engine.energy import Ledger, stored_energies
-from thirdbody.engine.guards import EnergyGuard
+from thirdbody.engine.guards import EnergyGuard, Ledger, stored_energies
 from thirdbody.engine.measures import reset_means
 from thirdbody.engine.snapshot import check, restore, snapshot
 from thirdbody.errors import InputError, Interrupted, OutputError

@@ -6,9 +6,8 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from thirdbody.quantity import duration, file_size
 from thirdbody.runner.output_schedule import settling_frames
-from thirdbody.units import pretty
+from thirdbody.units import duration, file_size, pretty
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation

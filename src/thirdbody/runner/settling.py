@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from thirdbody.engine.energy import stored_energies
+from thirdbody.engine.guards import stored_energies
 from thirdbody.engine.state import State
 from thirdbody.kernels.tables import body, patch, run_totals
 from thirdbody.units import pretty

@@ -1,10 +1,12 @@
 """All keys of a scene file as rows of a table, read from its JSON schema."""
 
+import json
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from thirdbody.dimensions import DIMENSIONS
+from thirdbody.units import DIMENSIONS
 
 Schema = Mapping[str, Any]
 
@@ -34,11 +36,8 @@ class Key:
 
 def scene_keys(schema: Schema) -> list[Key]:
     """Return the keys of the JSON schema of a scene, in the order of the file; the same key of several tables stands once."""
-    kinds = len(schema["properties"]["debris"]["items"]["anyOf"])
-    return [
-        replace(key, tables=()) if len(key.tables) == kinds else key
-        for key in merged(_keys(schema, schema["$defs"], "", ()))
-    ]  # fmt: skip
+    kinds, keys = len(schema["properties"]["debris"]["items"]["anyOf"]), merged(_keys(schema, schema["$defs"], "", ()))
+    return [replace(key, tables=()) if len(key.tables) == kinds else key for key in keys]
 
 
 def merged(keys: Iterable[Key]) -> list[Key]:
@@ -67,7 +66,7 @@ def _keys(table: Schema, tables: Schema, path: str, names: tuple[str, ...]) -> I
         key = _key(f"{path}{name}", value, name in required, names)
         if key.meaning:
             yield key
-        inner = list(dict.fromkeys(_references(value)))
+        inner = list(dict.fromkeys(re.findall(r'"\$ref": "#/\$defs/([^"]+)"', json.dumps(value))))
         for reference in inner:
             if reference not in visited:  # x and y of a motion have the same tables
                 entry = tables[reference]
@@ -93,18 +92,6 @@ def _key(path: str, schema: Schema, required: bool, names: tuple[str, ...]) -> K
 def _plain(schema: Schema) -> Schema:
     """Return the schema without its description: a described one is the only entry of `allOf`."""
     return schema["allOf"][0] if "allOf" in schema else schema
-
-
-def _references(schema: Any) -> Iterator[str]:
-    """Yield the names of all tables that a schema refers to."""
-    if isinstance(schema, Mapping):
-        if "$ref" in schema:
-            yield schema["$ref"].rpartition("/")[2]
-        for value in schema.values():
-            yield from _references(value)
-    elif isinstance(schema, list):
-        for value in schema:
-            yield from _references(value)
 
 
 def allowed(schema: Schema) -> tuple[str, str]:
@@ -143,3 +130,49 @@ def toml(value: Any) -> str:
     if value is None or isinstance(value, Mapping):
         return ""
     return f'"{value}"' if isinstance(value, str) else f"{value:g}"
+
+
+TEMPLATE = """# How does a small layer of irregular steel debris move between two sheared steel plates?
+# Expect most particles to stick while they are pressed, then to slide or to roll once the drag begins.
+scene = 1
+title = "steel debris between steel plates"
+
+[materials.steel]
+youngs_modulus = "210 GPa"
+poisson_ratio = 0.30
+density = "7850 kg/m3"
+
+[[pairs]]
+between = ["steel", "steel"]
+friction = 0.30
+restitution = 0.60
+
+[[debris]]
+material = "steel"
+kind = "irregular"
+count = 100
+seed = 1
+size = {distribution = "lognormal", median = "10 um", sigma = 0.2, min = "5 um", max = "20 um"}
+spheres = [4, 8]
+aspect = [1.0, 0.8, 0.6]
+placement = "layer"
+
+[domain]
+size = ["240 um", "180 um"]
+
+[plates.lower]
+material = "steel"
+
+[plates.upper]
+material = "steel"
+support = "load_per_particle"
+load = "0.1 mN"
+damping = "7e-5 kg/s"
+motion = {x = {velocity = "1 m/s"}}
+
+[solver]
+distance = "5 um"
+
+[output]
+every = "0.5 um"
+"""

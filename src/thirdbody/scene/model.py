@@ -1,8 +1,8 @@
 """The scene: the complete content of a scene file, checked, frozen and in SI units.
 
 In Python, quantities are given as floats in SI or as text with a unit; in a file always as text with a unit. The tables are
-defined in `tables` and `debris`; import them from here. Further kinds of debris are given as tables (dictionaries) or as
-instances of their classes.
+defined in `tables` and in `thirdbody.debris`; import them from here. Further kinds of debris are given as tables (dictionaries)
+or as instances of their classes.
 """
 
 from __future__ import annotations
@@ -17,26 +17,25 @@ from typing import Annotated, Any
 
 from pydantic import PrivateAttr, ValidationError
 
+from thirdbody.debris.contract import MAX_SPHERES
+from thirdbody.debris.file import File
+from thirdbody.debris.irregular import Irregular
+from thirdbody.debris.mesh import Mesh
+from thirdbody.debris.registry import Debris, DebrisKinds, kinds_of
+from thirdbody.debris.spheres import Ball, Spheres
+from thirdbody.debris.spots import Spot, Spots
 from thirdbody.errors import Fault, InputError
-from thirdbody.scene import cross_checks
-from thirdbody.scene.debris.kinds.file import File
-from thirdbody.scene.debris.kinds.irregular import Irregular
-from thirdbody.scene.debris.kinds.mesh import Mesh
-from thirdbody.scene.debris.kinds.spheres import Ball, Spheres
-from thirdbody.scene.debris.kinds.spots import Spot, Spots
-from thirdbody.scene.debris.registry import Debris, DebrisKinds, kinds_of
-from thirdbody.scene.field_types import MAX_SPHERES, Text, Whole, listing, plain
-from thirdbody.scene.measures import Measures
+from thirdbody.scene.checks import faults_between, number_faults, raw_faults
 from thirdbody.scene.motion import Constant as ConstantVelocity
 from thirdbody.scene.motion import Motion, Pause, Ramp, Stroke, Table
 from thirdbody.scene.output import Output
-from thirdbody.scene.overrides import apply_settings
-from thirdbody.scene.read import Source, read_text, read_toml
-from thirdbody.scene.schema_base import MISSING, Location, Part, Wrong, bundle, key_path, wrongs_of
-from thirdbody.scene.size_distributions import Constant, Lognormal, Normal, Uniform
-from thirdbody.scene.surface_checks import relax_faults, surface_faults
-from thirdbody.scene.tables import Contact, Domain, Effects, LowerPlate, Material, Pair, Plates, Solver, UpperPlate
-from thirdbody.scene.toml_writer import save_text, toml_text
+from thirdbody.scene.settings import apply_settings
+from thirdbody.scene.tables import Contact, Domain, Effects, LowerPlate, Material, Measures, Pair, Plates, Solver, UpperPlate
+from thirdbody.schema.fields import Text, Whole, listing, plain
+from thirdbody.schema.parts import MISSING, Location, Part, Wrong, bundle, wrongs_of
+from thirdbody.schema.read import Source, read_text, read_toml
+from thirdbody.schema.sizes import Constant, Lognormal, Normal, Uniform
+from thirdbody.schema.write import save_text, toml_text
 
 __all__ = [
     "Ball", "Constant", "ConstantVelocity", "Contact", "Debris", "Domain", "Effects", "File", "Irregular", "Lognormal",
@@ -95,7 +94,6 @@ class Scene(Part):
         Parameters
         ----------
         path : str or Path
-            The file.
         plugins : iterable of str or Path
             Python files with further kinds of debris.
 
@@ -121,7 +119,7 @@ class Scene(Part):
         given : Scene, str, Path or dict
             Numbers of a dictionary are in SI, or text with a unit.
         plugins : iterable of str or Path
-            Python files with further kinds of debris.
+            As in `load`.
 
         Returns
         -------
@@ -137,7 +135,7 @@ class Scene(Part):
         if isinstance(given, Scene):
             return given
         if isinstance(given, Mapping):
-            return cls._of_tables(given, DebrisKinds(tuple(plugins)))
+            return cls._checked(dict(given), Source(), [], DebrisKinds(tuple(plugins)), file=False)
         if isinstance(given, str | os.PathLike):
             return cls.load(given, plugins)
         raise TypeError(f"expected a Scene, the path of a scene file or a dictionary, not {type(given).__name__}")
@@ -157,7 +155,7 @@ class Scene(Part):
         folder : str or Path, optional
             Folder of the files that the scene names; None: that of `name`.
         plugins : iterable of str or Path
-            Python files with further kinds of debris.
+            As in `load`.
 
         Returns
         -------
@@ -172,9 +170,11 @@ class Scene(Part):
         return cls._checked(document, source, faults, DebrisKinds(tuple(plugins)))
 
     @classmethod
-    def _checked(cls, document: dict[str, Any], source: Source, faults: list[Wrong], kinds: DebrisKinds) -> Scene:
+    def _checked(
+        cls, document: dict[str, Any], source: Source, faults: list[Wrong], kinds: DebrisKinds, file: bool = True
+    ) -> Scene:
         try:
-            scene = cls.model_validate(document, context={"file": True, "kinds": kinds})
+            scene = cls.model_validate(document, context={"file": file, "kinds": kinds})
         except ValidationError as error:
             faults = faults + wrongs_of(error)
         if faults:
@@ -183,19 +183,12 @@ class Scene(Part):
         return scene
 
     @classmethod
-    def _of_tables(cls, tables: Mapping[str, Any], kinds: DebrisKinds) -> Scene:
-        """Return the scene of Python tables, read as by the constructor."""
-        try:
-            scene = cls.model_validate(dict(tables), context={"kinds": kinds})
-        except ValidationError as error:
-            raise InputError(Fault(key_path(location), text) for location, text in wrongs_of(error)) from None
-        scene._kinds = kinds
-        return scene
-
-    @classmethod
     def suggestion(cls, key: str) -> str:
         """Return a phrase that suggests the nearest table, or for a key of a table its whole path: `solver.distance`."""
-        inner = _inner_paths()
+        inner: dict[str, list[str]] = {}  # {"distance": ["'solver.distance'"]}
+        for location, table in _TABLES.items():
+            for name in table.model_fields.keys() - {table.extra_keys}:
+                inner.setdefault(name, []).append(f"'{location}.{name}'")
         close = difflib.get_close_matches(key, cls.model_fields, 1, 0.7) or difflib.get_close_matches(key, inner, 1, 0.7)
         if not close or close[0] in cls.model_fields:
             return super().suggestion(key)
@@ -204,41 +197,39 @@ class Scene(Part):
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
         """Return faults between tables, as far as they can be read."""
-        if too_many := cross_checks.number_faults(raw):  # reported alone: reading them all would take too long
+        if too_many := number_faults(raw):  # reported alone: reading them all would take too long
             raise bundle(too_many)
-        faults: list[Wrong] = []
-        if isinstance(raw.get("materials", {}), Mapping) and not raw.get("materials"):
-            faults.append((("materials",), "at least one [materials.NAME] table is needed"))
-        if isinstance(raw.get("debris", []), list | tuple) and not raw.get("debris"):
-            faults.append((("debris",), "at least one [[debris]] table is needed"))
-        faults += cross_checks.material_faults(raw) + cross_checks.pair_faults(raw, kinds_of(context))
-        faults += cross_checks.profile_faults(raw)
-        plates = _sound(Plates, raw.get("plates", {}), context)
-        output = _sound(Output, raw.get("output"), context)
+
+        def sound(part: type[Any], table: Any) -> Any:
+            """Return the checked table, or None when it has faults."""
+            try:
+                return part.model_validate(table, context=context)
+            except ValidationError:
+                return None
+
+        plates, output = sound(Plates, raw.get("plates", {})), sound(Output, raw.get("output"))
         # Plates that are faulty themselves may be intended to move.
         moving = plates is None or plates.moving()
-        faults += cross_checks.bed_faults(raw, moving)
-        return faults + cross_checks.sliding_faults(raw, moving, output.every_kind if output else "")
+        return raw_faults(raw, kinds_of(context), moving, output.every_kind if output else "")
 
     def checks(self) -> list[Wrong]:
         """Return faults between tables that are valid on their own."""
-        return (
-            self._too_many()
-            + self._out_of_plane()
-            + self._same_names()
-            + surface_faults(self.plates, self.domain)
-            + relax_faults(self.plates, self.solver)
-            + cross_checks.interval_faults(self.solver, self.output)
-        )
-
-    def _same_names(self) -> list[Wrong]:
-        """Return faults of populations with the same name, which no table could distinguish."""
+        faults: list[Wrong] = []
+        spheres = [(debris.count or 1) * debris.max_spheres() for debris in self.debris]
+        if sum(spheres) > MAX_SPHERES:
+            text = f"the debris would have up to {sum(spheres):.3g} spheres, at most {MAX_SPHERES:.3g} are computed; lower count"
+            faults.append((("debris", spheres.index(max(spheres)), "count"), text))
+        if any(debris.in_plane for debris in self.debris):
+            upper, why = self.plates.upper, "drives planar particles out of their plane y = 0"
+            if upper is not None and upper.motion.y:
+                faults.append((("plates", "upper", "motion", "y"), why))
+            if self.effects.gravity is not None and self.effects.gravity[1] != 0.0:
+                faults.append((("effects", "gravity", 1), why))
         names = [debris.name for debris in self.debris]
-        return [
-            (("debris", k, "name"), f"'{name}' is the name of debris[{names.index(name)}] too")
-            for k, name in enumerate(names)
-            if name and name in names[:k]
-        ]
+        for k, name in enumerate(names):
+            if name and name in names[:k]:  # no table could distinguish them
+                faults.append((("debris", k, "name"), f"'{name}' is the name of debris[{names.index(name)}] too"))
+        return faults + faults_between(self.plates, self.domain, self.solver, self.output)
 
     @property
     def population_names(self) -> list[str]:
@@ -254,26 +245,6 @@ class Scene(Part):
                 used.add(name)
             names.append(name)
         return names
-
-    def _too_many(self) -> list[Wrong]:
-        """Return faults of too many spheres, before one of them is made."""
-        spheres = [(debris.count or 1) * debris.max_spheres() for debris in self.debris]
-        if sum(spheres) <= MAX_SPHERES:
-            return []
-        message = f"the debris would have up to {sum(spheres):.3g} spheres, at most {MAX_SPHERES:.3g} are computed; lower count"
-        return [(("debris", spheres.index(max(spheres)), "count"), message)]
-
-    def _out_of_plane(self) -> list[Wrong]:
-        """Return faults of motion and forces that would drive planar particles out of their plane."""
-        if not any(debris.in_plane for debris in self.debris):
-            return []
-        faults: list[Wrong] = []
-        upper, why = self.plates.upper, "drives planar particles out of their plane y = 0"
-        if upper is not None and upper.motion.y:
-            faults.append((("plates", "upper", "motion", "y"), why))
-        if self.effects.gravity is not None and self.effects.gravity[1] != 0.0:
-            faults.append((("effects", "gravity", 1), why))
-        return faults
 
     def pair(self, first: str, second: str) -> Pair:
         """Return the pair of two materials, in either order.
@@ -377,20 +348,3 @@ class Scene(Part):
     def fault(self, location: Location, message: str) -> Fault:
         """Return a fault at a place such as ("contact", "springs"), with file and line if there is a file."""
         return self._source.fault(location, message)
-
-
-def _inner_paths() -> dict[str, list[str]]:
-    """Return the quoted paths of the keys inside tables by the key, such as {"distance": ["'solver.distance'"]}."""
-    paths: dict[str, list[str]] = {}
-    for location, table in _TABLES.items():
-        for name in table.model_fields.keys() - {table.extra_keys}:
-            paths.setdefault(name, []).append(f"'{location}.{name}'")
-    return paths
-
-
-def _sound(part: type[Any], raw: Any, context: Any) -> Any:
-    """Return the checked table, or None when it has faults."""
-    try:
-        return part.model_validate(raw, context=context)
-    except ValidationError:
-        return None

@@ -1,22 +1,11 @@
-"""Sliding of the upper plate: constant velocity, ramp, pause, strokes, a table; or a list of such stages."""
+"""Drive of the upper plate: its sliding and its load after settling, each a stage or a list of stages."""
 
 from typing import Annotated, Any, Literal
 
 from pydantic import PlainSerializer
 
-from thirdbody.scene.field_types import (
-    Choice,
-    PositiveFrequency,
-    PositiveLength,
-    PositiveNumber,
-    PositiveTime,
-    Quantity,
-    Speed,
-    Text,
-)
-from thirdbody.scene.json_schema import ShortForm
-from thirdbody.scene.schema_base import Part
-from thirdbody.scene.stages import plain_stages, stages
+from thirdbody.schema.fields import Choice, Force, PositiveLength, PositiveNumber, PositiveTime, Quantity, ShortForm, Speed, Text
+from thirdbody.schema.parts import Part, one_or_more
 
 
 class Constant(Part):
@@ -52,7 +41,7 @@ class Stroke(Part):
 
     stroke: PositiveLength
     """Stroke of a reciprocating motion, peak to peak. Example: "50 um"."""
-    frequency: PositiveFrequency
+    frequency: Annotated[float, Quantity(dimension="frequency", gt=0)]
     """Cycles per second. Example: "5 Hz"."""
     shape: Annotated[Literal["sine", "triangle"], Choice()] = "sine"
     """Displacement over time; a sine starts from rest at one end. Example: "triangle"."""
@@ -65,16 +54,25 @@ class Table(Part):
 
     table: Text
     """CSV file, linear in between; header `time (us), displacement (um)`, or `time (us), load (mN)` for a load.
-
-    Example: "path.csv".
-    """
+    Example: "path.csv"."""
     speed: Annotated[float, Quantity(ge=1e-9, le=1e9)] = 1.0
     """How many times as fast the table is followed: its times are divided by it. Example: 10."""
 
 
-_DRIVES: dict[str, type[Part]] = {"velocity": Constant, "ramp": Ramp, "pause": Pause, "stroke": Stroke, "table": Table}
+class Load(Part):
+    """Linear change of the load to `load` [N] during `duration` [s]; without a duration at once."""
+
+    load: Force
+    """Load at the end of a linear change. Example: "0 N"."""
+    duration: PositiveTime | None = None
+    """Duration of the change; without one it is sudden. Example: "1 us"."""
+
 
 Drive = Constant | Ramp | Pause | Stroke | Table
+LoadStage = Load | Pause | Table
+
+_DRIVES: dict[str, type[Part]] = {"velocity": Constant, "ramp": Ramp, "pause": Pause, "stroke": Stroke, "table": Table}
+_LOADS: dict[str, type[Part]] = {"load": Load, "pause": Pause, "table": Table}
 
 
 def _endless(stage: Any) -> str | None:
@@ -84,9 +82,20 @@ def _endless(stage: Any) -> str | None:
     return "cycles" if isinstance(stage, Stroke) and stage.cycles is None else None
 
 
+@PlainSerializer
+def _plain_stages(stages: tuple[Part, ...]) -> Any:
+    """Return a single stage as a table, several as a list."""
+    tables = [stage.model_dump(exclude_none=True) for stage in stages]
+    return tables[0] if len(tables) == 1 else tables
+
+
 Stages = Annotated[
-    tuple[Drive, ...], stages(_DRIVES, '{velocity = "1 m/s"}', _endless), PlainSerializer(plain_stages), ShortForm()
+    tuple[Drive, ...], one_or_more("stages", _DRIVES, '{velocity = "1 m/s"}', _endless), _plain_stages, ShortForm()
 ]
+Loading = Annotated[
+    tuple[LoadStage, ...], one_or_more("stages", _LOADS, '{load = "1 mN", duration = "1 us"}'), _plain_stages, ShortForm()
+]
+"""Loads after the end of settling; the last one stays. They have the meaning of `load`: on the plate, or on each patch."""
 
 
 class Motion(Part):
@@ -94,9 +103,7 @@ class Motion(Part):
 
     x: Stages | None = None
     """Motion along x from the end of settling: a stage, or a list of stages; an axis that is not given rests.
-
-    Example: {velocity = "1 m/s"}.
-    """
+    Example: {velocity = "1 m/s"}."""
     y: Stages | None = None
     """Motion along y, likewise. Example: {stroke = "50 um", frequency = "5 Hz"}."""
 

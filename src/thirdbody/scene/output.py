@@ -4,17 +4,14 @@ import numbers
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, SerializerFunctionWrapHandler, ValidationInfo, model_serializer
+from pydantic import BeforeValidator, SerializerFunctionWrapHandler, model_serializer
 
 from thirdbody import units
-from thirdbody.scene.field_types import Choice, Flag, Quantity, Text, Whole, listing, show
-from thirdbody.scene.json_schema import ShortForm, described, quantity_schema
-from thirdbody.scene.schema_base import Part, Wrong, bundle
+from thirdbody.schema.fields import Choice, Flag, Quantity, ShortForm, Text, Whole, in_file, listing, quantity_schema, show
+from thirdbody.schema.parts import Part, Wrong, bundle, described
 
 _EVERY = {"distance": "length", "time": "time"}
-MAX_BINS = 1000
-"""Largest number of slabs of profiles."""
-_BINS = Whole(ge=1, le=MAX_BINS)
+_BINS = Whole(ge=1, le=1000)
 
 
 class Profiles(Part):
@@ -26,12 +23,9 @@ class Profiles(Part):
     """Axis across the slabs. Example: "y"."""
 
 
-def _bins_alone(value: Any, info: ValidationInfo) -> Any:
-    """Return a number as the table that it stands for."""
-    if isinstance(value, Mapping | Profiles):
-        return value
-    return {"bins": _BINS.read(value, info)}
+_BINS_ALONE = BeforeValidator(lambda value: value if isinstance(value, Mapping | Profiles) else {"bins": _BINS.read(value)})
 
+_Block = Annotated[Literal["spheres", "clumps", "contacts"], Choice()]
 
 STORED = ("sample", "blocks", "arrays", "precision", "compress")
 """Keys of `output` about the run file."""
@@ -46,30 +40,20 @@ class Output(Part):
     every: Annotated[float, Quantity(gt=0)]
     """Interval between frames: a sliding distance or a time. Example: "0.5 um"."""
     every_kind: Annotated[Literal["distance", "time"], Choice()] = "time"  # `rules`: the default is never used
-    profiles: Annotated[Profiles, BeforeValidator(_bins_alone), ShortForm({"type": "integer"} | _BINS.limits())] | None = None
+    profiles: Annotated[Profiles, _BINS_ALONE, ShortForm({"type": "integer"} | _BINS.limits())] | None = None
     """Number of slabs between the plates for profiles of velocity, stress and more; or a table with an axis. Example: 20."""
     sample: Annotated[int, Whole(ge=1)] | None = None
-    """Number of bodies that the run file holds; all by default. They are spread over the populations.
-
-    Of the others it has their part in all series, and the number of bodies with each reason of a state. Example: 10000.
-    """
-    blocks: Annotated[list[Annotated[Literal["spheres", "clumps", "contacts"], Choice()]], listing("a list of blocks")] | None = (
-        None
-    )
+    """Number of bodies that the run file holds; all by default. They are spread over the populations. Of the others it has their
+    part in all series, and the number of bodies with each reason of a state. Example: 10000."""
+    blocks: Annotated[list[_Block], listing("a list of blocks")] | None = None
     """Blocks of the run file; all by default. Spheres that are left out are computed from their bodies where a run is read.
-
-    Contacts that are left out are lost. Example: ["clumps"].
-    """
+    Contacts that are left out are lost. Example: ["clumps"]."""
     arrays: Annotated[list[Text], listing("a list of names")] | None = None
     """Arrays of the bodies that are written besides position, state and reason; all by default. Names: `thirdbody keys bodies`.
-
-    Example: ["quaternion", "friction_work"].
-    """
+    Example: ["quaternion", "friction_work"]."""
     precision: Annotated[Literal["float64", "float32"], Choice()] = "float64"
     """Floating-point numbers of the arrays in the run file; the state of the run, its series and checkpoints are always float64.
-
-    Example: "float32".
-    """
+    Example: "float32"."""
     compress: Flag = False
     """Whether arrays of bodies and spheres are compressed as they are written; contacts never are. Example: true."""
 
@@ -82,10 +66,9 @@ class Output(Part):
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
-        """Return faults that follow from which keys are given."""
         if isinstance(raw.get("blocks"), list | tuple) and "clumps" not in raw["blocks"]:
             return [(("blocks",), "the bodies are always written: add 'clumps'")]
-        every, from_file = raw.get("every"), bool(context and context.get("file"))
+        every, from_file = raw.get("every"), in_file(context)
         if from_file and "every_kind" in raw:
             return [(("every_kind",), "unknown key: the unit of every says whether it is a length or a time")]
         if isinstance(every, numbers.Real) and not isinstance(every, bool) and (from_file or "every_kind" not in raw):
@@ -95,7 +78,6 @@ class Output(Part):
 
     @classmethod
     def arrange(cls, raw: dict[str, Any]) -> dict[str, Any]:
-        """Return the interval as a number and its kind. Raises ValidationError."""
         if not isinstance(raw.get("every"), str):
             return raw
         try:

@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal
+from collections.abc import Iterator
+from typing import Annotated, Literal
 
-from pydantic import ValidationError, ValidationInfo, ValidatorFunctionWrapHandler, WrapValidator
+from pydantic import WrapValidator
 
 from thirdbody import units
-from thirdbody.scene.field_types import Choice, Flag, Length, PositiveLength, Quantity, Seed, Text, listing
-from thirdbody.scene.json_schema import ShortForm
-from thirdbody.scene.schema_base import Part, Wrong, bundle, wrongs_of
-from thirdbody.scene.stages import table_by_leading_key
+from thirdbody.schema.fields import (
+    Angle,
+    Choice,
+    Flag,
+    PositiveLength,
+    Quantity,
+    Seed,
+    ShortForm,
+    Text,
+    TwoLengths,
+    TwoPositiveLengths,
+)
+from thirdbody.schema.parts import Part, Wrong, one_or_more, table_by_leading_key
+from thirdbody.surfaces import grid
 from thirdbody.surfaces.height_map import TEXTS
 
 Direction = Annotated[float | Literal["x", "y"], Quantity(dimension="angle", words=("x", "y"))]
@@ -36,7 +47,6 @@ class SelfAffine(Part):
     """Whether the curvature of the surface changes the radius of contacts (normal law `hertz`). Example: false."""
 
     def checks(self) -> list[Wrong]:
-        """Return faults between the wavelengths."""
         if self.short < self.long:
             return []
         return [(("short",), f"must be less than long, {units.pretty(self.long, 'length')}")]
@@ -51,7 +61,7 @@ class Sine(Part):
     """Wavelength; a whole number of waves must fit the domain. Example: "20 um"."""
     direction: Direction = "x"
     """Direction in which the height changes: an axis, or an angle from x towards y. Example: "y"."""
-    phase: Annotated[float, Quantity(dimension="angle")] = 0.0
+    phase: Angle = 0.0
     """Phase of the cosine: at 0 a crest is at the origin. Example: "90 deg"."""
 
     def shortest(self) -> float:
@@ -70,14 +80,12 @@ class Groove(Part):
     """Angle between flank and plane. Example: "40 deg"."""
     rounding: PositiveLength | None = None
     """Half the length of a rounded corner; the radius there is at least this over tan(flank). By default a fifth of the flank.
-
-    Example: "0.5 um".
-    """
+    Example: "0.5 um"."""
     wavelength: PositiveLength
     """Distance from groove to groove; a whole number must fit the domain. Example: "20 um"."""
     direction: Direction = "x"
     """Direction across the grooves: an axis, or an angle from x towards y. Example: "y"."""
-    phase: Annotated[float, Quantity(dimension="angle")] = 0.0
+    phase: Angle = 0.0
     """Position of the first groove: at 0 the middle of one is at the origin, 360 deg are one distance. Example: "90 deg"."""
 
     def run(self) -> float:
@@ -93,7 +101,6 @@ class Groove(Part):
         return 2.0 * self.corner()
 
     def checks(self) -> list[Wrong]:
-        """Return faults between the lengths."""
         faults: list[Wrong] = []
         run, corner = units.pretty(self.run(), "length"), units.pretty(self.corner(), "length")
         if 2.0 * self.run() > self.width * (1.0 + 1e-9):
@@ -107,31 +114,13 @@ class Groove(Part):
         return faults
 
 
-_WAVES: dict[str, type[Part]] = {"amplitude": Sine, "depth": Groove}
-
-
-def _read_waves(value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
-    entries = list(value) if isinstance(value, list | tuple) else [value]
-    if not entries:
-        raise ValueError("the list of waves is empty")
-    result, faults = [], list[Wrong]()
-    for k, entry in enumerate(entries):
-        location: tuple[str | int, ...] = (k,) if isinstance(value, list | tuple) else ()
-        try:
-            result.append(table_by_leading_key(entry, info, _WAVES, '{amplitude = "0.3 um", wavelength = "20 um"}'))
-        except ValidationError as error:
-            faults += [((*location, *where), text) for where, text in wrongs_of(error)]
-        except ValueError as error:
-            faults.append((location, str(error)))
-    if faults:
-        raise bundle(faults)
-    return tuple(result)
+_WAVES = one_or_more("waves", {"amplitude": Sine, "depth": Groove}, '{amplitude = "0.3 um", wavelength = "20 um"}')
 
 
 class Waves(Part):
     """A sum of waves and rows of grooves."""
 
-    wave: Annotated[tuple[Sine | Groove, ...], WrapValidator(_read_waves), ShortForm()]
+    wave: Annotated[tuple[Sine | Groove, ...], _WAVES, ShortForm()]
     """A wave or a row of grooves, or a list of them that are added. Example: {amplitude = "0.3 um", wavelength = "20 um"}."""
     curvature: Flag = True
     """As for a self-affine surface. Example: false."""
@@ -140,13 +129,12 @@ class Waves(Part):
 class Crop(Part):
     """The part of a measured surface that is used, from its first point."""
 
-    x: Annotated[tuple[Length, Length], listing("a list of 2 lengths", 2)] | None = None
+    x: TwoLengths | None = None
     """First and last position along x. Example: ["10 um", "90 um"]."""
-    y: Annotated[tuple[Length, Length], listing("a list of 2 lengths", 2)] | None = None
+    y: TwoLengths | None = None
     """First and last position along y. Example: ["10 um", "90 um"]."""
 
     def checks(self) -> list[Wrong]:
-        """Return faults of ranges that are empty."""
         ranges = (("x", self.x), ("y", self.y))
         return [((key,), "the first position must be at least 0, and below the last")
                 for key, ends in ranges if ends is not None and not 0.0 <= ends[0] < ends[1]]  # fmt: skip
@@ -159,33 +147,26 @@ class SurfaceFile(Part):
     """NPZ, X3P, CSV or TXT file, relative to the scene. Example: "scan.npz"."""
     unit: PositiveLength | None = None
     """Unit of the heights of a CSV or TXT file, which names none. Example: "1 um"."""
-    spacing: Annotated[tuple[PositiveLength, PositiveLength], listing("a list of 2 lengths", 2)] | None = None
+    spacing: TwoPositiveLengths | None = None
     """Distance of the points along x and y of a CSV or TXT file. Example: ["0.5 um", "0.5 um"]."""
     level: Annotated[Literal["mean", "plane", "curved"], Choice()] | None = None
     """What is subtracted: the mean, the plane of least squares, or the polynomial of second order. By default the plane; of a
-    map that is periodic the mean. Example: "curved".
-    """
+    map that is periodic the mean. Example: "curved"."""
     crop: Crop | None = None
     """Part of the file that is used, in its own coordinates. Example: {x = ["10 um", "90 um"]}."""
     short: PositiveLength | None = None
     """Shortest wavelength that is left; waves 1.5 times as long stay as they are. By default four points of the file; a map that
-    is periodic then stays as it is.
-
-    Example: "2 um".
-    """
+    is periodic then stays as it is. Example: "2 um"."""
     join: Annotated[Literal["blend", "mirror", "periodic"], Choice()] = "blend"
     """How copies meet: "blend" cuts each where it differs least from the next and blends about the cut, "mirror" turns every
     second copy round, "periodic" is for a map that is periodic, such as one of `thirdbody surface SCENE -o map.npz`.
-
-    Example: "mirror".
-    """
+    Example: "mirror"."""
     missing: Annotated[float, Quantity(ge=0, le=0.5)] = 0.05
     """Largest fraction of points without a value; they are filled from their surroundings. Example: 0.1."""
     curvature: Flag = True
     """As for a self-affine surface. Example: false."""
 
     def checks(self) -> list[Wrong]:
-        """Return faults of keys that a file or a map that is periodic does not have."""
         text = self.file.lower().endswith(TEXTS)
         faults: list[Wrong] = [
             ((key,), f"missing, such as {example}: text names none" if text else "of CSV and TXT files only: others name it")
@@ -199,10 +180,46 @@ class SurfaceFile(Part):
 
 
 _SURFACES: dict[str, type[Part]] = {"rms": SelfAffine, "wave": Waves, "file": SurfaceFile}
+_EXAMPLE = '{rms = "0.2 um", long = "20 um", short = "2 um"}'
+_READ = WrapValidator(lambda value, handler, info: table_by_leading_key(value, info, _SURFACES, _EXAMPLE))
+
+Surface = Annotated[SelfAffine | Waves | SurfaceFile, _READ]
+
+SIDES = ("lower", "upper")
 
 
-def _read_surface(value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
-    return table_by_leading_key(value, info, _SURFACES, '{rms = "0.2 um", long = "20 um", short = "2 um"}')
+def faults_in_domain(surface: SelfAffine | Waves | SurfaceFile, size: tuple[float, float]) -> Iterator[Wrong]:
+    """Yield faults that depend on the domain: waves that do not fit, too many points of the grid."""
+    smaller = units.pretty(min(size), "length")
+    if isinstance(surface, SelfAffine) and surface.long > min(size) * (1.0 + 1e-9):
+        yield ("long",), f"must be at most the smaller side of the domain, {smaller}"
+    if not isinstance(surface, Waves) and surface.short is not None and surface.short > min(size) / 2.0:
+        yield ("short",), f"must be at most half the smaller side of the domain, {smaller}"
+    waves = surface.wave if isinstance(surface, Waves) else ()
+    for k, wave in enumerate(waves):
+        nearest = grid.whole_waves(size, wave.wavelength, grid.angle_of(wave.direction))
+        if nearest.deviation > grid.FIT:
+            number: tuple[int, ...] = () if len(waves) == 1 else (k,)
+            wavelength = f'wavelength = "{1e6 * nearest.wavelength:.6g} um"'
+            fitting = f"{nearest.along[0]} along x and {nearest.along[1]} along y: {wavelength}"
+            angle = "" if isinstance(wave.direction, str) else f', direction = "{math.degrees(nearest.angle):.6g} deg"'
+            text = f"{units.pretty(wave.wavelength, 'length')} does not fit the periodic domain; nearest: {fitting}{angle}"
+            yield ("wave", *number, "wavelength"), text
+    counts = (1, 1) if isinstance(surface, SurfaceFile) else grid.grid_counts(size, spacing_of(surface, size))
+    if math.prod(counts) > grid.MAX_POINTS:
+        finest = f"a grid of {counts[1]} x {counts[0]} points, at most {grid.MAX_POINTS:.2g} in all"
+        yield (), f"needs {finest}: the domain is too large for the shortest wavelength"
 
 
-Surface = Annotated[SelfAffine | Waves | SurfaceFile, WrapValidator(_read_surface)]
+def spacing_of(surface: SelfAffine | Waves, size: tuple[float, float]) -> tuple[float, float]:
+    """Return the largest spacing of grid points along x and y that the surface allows [m]."""
+    if isinstance(surface, SelfAffine):
+        return (surface.short / grid.POINTS_PER_WAVE,) * 2
+    spacing = [math.inf, math.inf]
+    for wave in surface.wave:
+        waves = grid.whole_waves(size, wave.wavelength, grid.angle_of(wave.direction)).along
+        step = wave.wavelength / grid.POINTS_PER_SINE if isinstance(wave, Sine) else wave.corner() / grid.POINTS_PER_CORNER
+        for axis in (0, 1):
+            part = abs(waves[axis]) * wave.wavelength / size[axis]  # cosine of the angle to the axis
+            spacing[axis] = min(spacing[axis], step / part if part > 0.0 else math.inf)
+    return spacing[0], spacing[1]

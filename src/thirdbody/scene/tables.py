@@ -2,32 +2,26 @@
 
 from typing import Annotated, Any, ClassVar, Literal
 
-from thirdbody.scene.field_types import (
-    AccelerationVector,
+from thirdbody.scene.motion import Loading, Motion
+from thirdbody.scene.surfaces import Surface
+from thirdbody.schema.fields import (
+    THREE,
     Choice,
-    Conductivity,
-    Damping,
     Flag,
     Force,
     Fraction,
-    HeatCapacity,
-    PositiveDensity,
-    PositiveForce,
     PositiveLength,
     PositiveMass,
     PositiveNumber,
     PositivePressure,
-    PositiveStiffness,
     PositiveTime,
     Quantity,
     Speed,
     Text,
+    TwoPositiveLengths,
     listing,
 )
-from thirdbody.scene.load_history import Loading
-from thirdbody.scene.motion import Motion
-from thirdbody.scene.schema_base import MISSING, Part, Wrong, entry, one_of
-from thirdbody.scene.surfaces import Surface
+from thirdbody.schema.parts import MISSING, Part, Wrong, entry, one_of
 
 
 class Material(Part):
@@ -39,21 +33,18 @@ class Material(Part):
     """Shear modulus; give it or `youngs_modulus`. Example: "80 GPa"."""
     poisson_ratio: Annotated[float, Quantity(gt=-1, le=0.5)]
     """Poisson's ratio. Example: 0.3."""
-    density: PositiveDensity
+    density: Annotated[float, Quantity(dimension="density", gt=0)]
     """Density. Example: "7850 kg/m3"."""
     yield_strength: PositivePressure | None = None
     """Yield strength, for the warning of first yield and for plastic flow; where it is missing, 0.01 of Young's modulus counts.
-
-    Example: "250 MPa".
-    """
-    thermal_conductivity: Conductivity | None = None
+    Example: "250 MPa"."""
+    thermal_conductivity: Annotated[float, Quantity(dimension="thermal_conductivity", gt=0)] | None = None
     """Thermal conductivity, for measures of heat. Example: "50 W/m/K"."""
-    heat_capacity: HeatCapacity | None = None
+    heat_capacity: Annotated[float, Quantity(dimension="heat_capacity", gt=0)] | None = None
     """Specific heat capacity, for measures of heat. Example: "460 J/kg/K"."""
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
-        """Return faults that follow from which keys are given."""
         return one_of(raw, ("youngs_modulus", "shear_modulus"))
 
     def young(self) -> float:
@@ -75,16 +66,13 @@ class Pair(Part):
 
     between: Annotated[tuple[Text, Text], listing("a list of 2 materials", 2)]
     """The two materials, in either order; the same name twice for contact of a material with itself.
-
-    Example: ["steel", "bronze"].
-    """
+    Example: ["steel", "bronze"]."""
     friction: Annotated[float, Quantity(ge=0)]
     """Friction coefficient. Example: 0.3."""
     restitution: Annotated[float, Quantity(ge=1e-6, le=1)]
     """Coefficient of restitution of one contact along the normal, the same at every speed; below 1 contacts get dashpots. A body
     that lands on n equal contacts at once has sqrt(n) times the damping and leaves with less: 0.6 is 0.50 on 2, 0.31 on 7.
-    Example: 0.6.
-    """
+    Example: 0.6."""
     rolling_friction: Annotated[float, Quantity(ge=0, le=1)] | None = None
     """Coefficient of rolling resistance of this pair; replaces that of `effects.rolling_resistance`. Example: 0.05."""
     work_of_adhesion: Annotated[float, Quantity(dimension="energy_per_area", ge=0)] | None = None
@@ -94,13 +82,11 @@ class Pair(Part):
 class Domain(Part):
     """Extent in x and y [m]."""
 
-    size: Annotated[tuple[PositiveLength, PositiveLength], listing("a list of 2 lengths", 2)]
+    size: TwoPositiveLengths
     """Extent along x and y. Example: ["600 um", "400 um"]."""
     periodic: Flag = True
     """Whether a body that leaves at one side enters at the other; without, a body that leaves the lower plate stops the run.
-
-    Example: false.
-    """
+    Example: false."""
 
 
 class LowerPlate(Part):
@@ -110,9 +96,7 @@ class LowerPlate(Part):
     """Name of its material. Example: "steel"."""
     surface: Surface | None = None
     """Heights above the mean plane, which is that of the plate: random (`rms`), waves and grooves (`wave`), or measured (`file`).
-
-    Example: {rms = "0.2 um", hurst = 0.8, long = "20 um", short = "2 um"}.
-    """
+    Example: {rms = "0.2 um", hurst = 0.8, long = "20 um", short = "2 um"}."""
 
 
 _LOADINGS = ("load", "pressure", "gap")
@@ -125,11 +109,8 @@ class UpperPlate(Part):
     """Name of its material. Example: "steel"."""
     support: Annotated[Literal["rigid", "foundation", "load_per_particle"], Choice()] = "rigid"
     """"rigid": one plate; "load_per_particle": one patch per body, each with the load; "foundation": patches on springs below a
-    common plate.
-
-    Example: "foundation".
-    """
-    load: PositiveForce | None = None
+    common plate. Example: "foundation"."""
+    load: Annotated[float, Quantity(dimension="force", gt=0)] | None = None
     """Load on the plate, or on each patch ("load_per_particle"); give one of load, pressure, gap. Example: "0.1 mN"."""
     pressure: PositivePressure | None = None
     """Pressure on the area of the domain. Example: "2.5 MPa"."""
@@ -139,10 +120,8 @@ class UpperPlate(Part):
     """Speed at which the gap shrinks. Example: "1 mm/s"."""
     loading: Loading | None = None
     """How the load changes after settling: a stage, or a list of stages; the last load stays.
-
-    Example: {load = "1 mN", duration = "1 us"}.
-    """
-    stiffness: PositiveStiffness | None = None
+    Example: {load = "1 mN", duration = "1 us"}."""
+    stiffness: Annotated[float, Quantity(dimension="stiffness", gt=0)] | None = None
     """Stiffness of the spring of each patch; required with a foundation. Example: "200 N/m"."""
     preload: Force | None = None
     """Load on each patch of a foundation beside its spring; it comes on top of `load`. Example: "10 uN"."""
@@ -151,12 +130,11 @@ class UpperPlate(Part):
     """As of the lower plate, towards the debris; it moves with the plate. Example: {file = "scan.x3p", short = "2 um"}."""
     mass: PositiveMass | None = None
     """Mass of the plate, or of each patch; by default that of all debris (rigid), or of the mean body. Example: "1e-11 kg"."""
-    damping: Damping | None = None
+    damping: Annotated[float, Quantity(dimension="damping", ge=0)] | None = None
     """Dashpot of the plate, or of each patch; by default critical with the contact. Example: "7e-5 kg/s"."""
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
-        """Return faults that follow from which keys are given."""
         faults = one_of(raw, _LOADINGS)
         if raw.get("support") == "load_per_particle" and not faults and "load" not in raw:
             given = next(key for key in _LOADINGS if key in raw)
@@ -188,7 +166,6 @@ class DirectContact(Part):
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
-        """Return faults that follow from which keys are given."""
         given = [key for key in ("beta", "u0") if key in raw]
         other = "u0" if given == ["beta"] else "beta"
         return [((given[0],), f"needs {other} too, or neither, to estimate both from the surfaces")] if len(given) == 1 else []
@@ -203,7 +180,6 @@ class Plates(Part):
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
-        """Return faults that follow from which keys are given."""
         alone = "upper" in raw and "lower" not in raw
         faults: list[Wrong] = [(("upper",), "an upper plate needs a lower one: add [plates.lower]")] if alone else []
         upper = raw.get("upper")
@@ -234,9 +210,7 @@ class Contact(Part):
     """Family of contact laws; `thirdbody laws` lists the installed ones. Example: "three_spot"."""
     level: Text | None = None
     """Level of the law, that is the tangential law; "mindlin" for `law = "three_spot"`, else the default of the law.
-
-    Example: "mdr".
-    """
+    Example: "mdr"."""
     debris_contact: Annotated[Literal["auto", "none"], Choice()] = "auto"
     """"none" declares an ensemble: bodies do not see each other. Example: "none"."""
     options: dict[str, Any] = {}
@@ -247,11 +221,14 @@ class Contact(Part):
         return {"level": "mindlin"} | raw if raw.get("law", "three_spot") == "three_spot" else raw
 
 
+_Acceleration = Annotated[float, Quantity(dimension="acceleration")]
+
+
 class Effects(Part):
     """Gravity [m/s2] if any, and further effects by name as given in the file; effects that are not given are off."""
 
     extra_keys: ClassVar[str] = "named"
-    gravity: AccelerationVector | None = None
+    gravity: Annotated[tuple[_Acceleration, _Acceleration, _Acceleration], THREE] | None = None
     """Acceleration of gravity, x, y, z. Example: ["0 m/s2", "0 m/s2", "-9.81 m/s2"]."""
     named: dict[str, Any] = {}
 
@@ -282,31 +259,23 @@ class Solver(Part):
     duration: PositiveTime | None = None
     """Duration of the run, after settling; give it or `distance`. Example: "10 us"."""
     initial_overlap: Annotated[Literal["refuse", "relax"], Choice()] = "refuse"
-    """What happens when bodies overlap at the start: "relax" pushes them apart, between flat plates.
-
-    The run says how far. Example: "relax".
-    """
+    """What happens when bodies overlap at the start: "relax" pushes them apart, between flat plates. The run says how far.
+    Example: "relax"."""
     settle: Annotated[float | Literal["auto"], Quantity(dimension="time", ge=0, words=("auto",))] = "auto"
     """Time under load before the drag starts. Example: "20 us"."""
     inertial_number: Annotated[float, Quantity(ge=1e-6, le=0.1)] | None = None
-    """Bed of debris: the plate moves at the speed that gives this inertial number, whatever speed the scene asks for.
-
-    Distances, outputs and loads stay at their places on the path; a stroke changes its frequency. Example: 1e-3.
-    """
+    """Bed of debris: the plate moves at the speed that gives this inertial number, whatever speed the scene asks for. Distances,
+    outputs and loads stay at their places on the path; a stroke changes its frequency. Example: 1e-3."""
     tolerance: Fraction | None = None
     """Implicit integrator: error of a step over the radius of the largest contact; 5e-4 where it is not given. Example: 1e-4."""
     largest_step: PositiveLength | None = None
     """Implicit integrator: longest drag in one step; no limit where it is not given. Example: "10 nm"."""
     inertia: Flag | None = None
     """Implicit integrator: whether bodies keep their momentum; false is quasi-static. true where it is not given.
-
-    Example: false.
-    """
+    Example: false."""
     on_failure: Annotated[Literal["stop", "continue"], Choice()] | None = None
     """Implicit integrator: "continue" goes on without a body that cannot be solved. "stop" where it is not given.
-
-    Example: "continue".
-    """
+    Example: "continue"."""
 
     @classmethod
     def suggestion(cls, key: str) -> str:
@@ -315,7 +284,6 @@ class Solver(Part):
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
-        """Return faults that follow from which keys are given."""
         faults = one_of(raw, ("distance", "duration"))
         other = {"explicit": IMPLICIT_KEYS, "implicit": ("time_step",)}
         kind = raw.get("integrator", "auto")
@@ -323,3 +291,13 @@ class Solver(Part):
             if raw.get(key, "auto") not in (None, "auto"):
                 faults.append(((key,), f'is for the other integrator: this one is "{kind}"'))
         return faults
+
+
+class Measures(Part):
+    """Measures by name as given in the file, and the cells of their maps; they read contacts and change nothing."""
+
+    extra_keys: ClassVar[str] = "named"
+    cell: PositiveLength | None = None
+    """Side of the cells of the maps on both plates, rounded so that whole cells fill the domain; no maps where it is not given.
+    Example: "0.5 um"."""
+    named: dict[str, Any] = {}

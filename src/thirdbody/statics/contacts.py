@@ -7,8 +7,8 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from thirdbody.kernels.close_spots import NEAR
 from thirdbody.kernels.memory import pieces
-from thirdbody.kernels.spot_loads import NEAR
 from thirdbody.kernels.table import Array
 from thirdbody.kernels.tile import TILE, law_input, law_output, rolling_input, rolling_output
 from thirdbody.laws.compose import compose
@@ -17,12 +17,9 @@ from thirdbody.laws.registry import installed_interaction
 
 Ints = NDArray[np.int64]
 
-AT_REST = ("damping", "tangential_damping")
-"""Stages without effect in statics."""
-TANGENTS = 7
-"""Number of derivatives written by `tangents`."""
-ITERATIONS = 60
-"""Most steps of Newton's method for the interaction of spots, where four to six are enough; of a bisection."""
+AT_REST = ("damping", "tangential_damping")  # stages without effect in statics
+TANGENTS = 7  # number of derivatives written by `tangents`
+ITERATIONS = 60  # most steps of Newton's method for the interaction of spots, where four to six are enough; of a bisection
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,18 +115,18 @@ class Contacts:
         history, (begin, size) = len(self.chain.history), self.chain.field
         inputs, outputs, field = self._inputs, self._outputs, slice(begin, begin + size)
         for first in range(0, len(loaded), TILE):
-            part = loaded[first : first + TILE]
-            n = len(part)
+            rows = loaded[first : first + TILE]
+            n = len(rows)
             outputs[:, :n] = 0.0
-            inputs[law_input.OVERLAP, :n], inputs[law_input.RADIUS, :n] = overlap[part], self.radius[part]
-            inputs[law_input.MASS, :n], inputs[law_input.PAIR_TYPE, :n] = 1.0, self.kind[part]
-            inputs[law_input.SLIP_X, :n], inputs[law_input.SLIP_Y, :n] = slip[part, 0], slip[part, 1]
-            inputs[law_input.HISTORY : law_input.HISTORY + history, :n] = memory[part].T
-            pieces(inputs[law_input.HISTORY :][field])[:n] = memory[part, field]
+            inputs[law_input.OVERLAP, :n], inputs[law_input.RADIUS, :n] = overlap[rows], self.radius[rows]
+            inputs[law_input.MASS, :n], inputs[law_input.PAIR_TYPE, :n] = 1.0, self.kind[rows]
+            inputs[law_input.SLIP_X, :n], inputs[law_input.SLIP_Y, :n] = slip[rows, 0], slip[rows, 1]
+            inputs[law_input.HISTORY : law_input.HISTORY + history, :n] = memory[rows].T
+            pieces(inputs[law_input.HISTORY :][field])[:n] = memory[rows, field]
             function(inputs.ravel(), outputs.ravel(), n, self.pairs.ravel())
-            answer[:, part] = outputs[:count, :n]
+            answer[:, rows] = outputs[:count, :n]
             if count > TANGENTS:  # not the tangents
-                answer[law_output.HISTORY :][field, part] = pieces(outputs[law_output.HISTORY :][field])[:n].T
+                answer[law_output.HISTORY :][field, rows] = pieces(outputs[law_output.HISTORY :][field])[:n].T
         return answer
 
 
@@ -193,16 +190,16 @@ def response(physics: Compiled, overlap: Array, radius: Array, kind: Ints) -> Re
     width = law_input.HISTORY + len(physics.history) + rolling_input.WIDTH
     answers = law_output.HISTORY + len(physics.history) + rolling_output.WIDTH
     for first in range(0, count, TILE):
-        part = slice(first, min(first + TILE, count))
-        n = part.stop - part.start
+        rows = slice(first, min(first + TILE, count))
+        n = rows.stop - rows.start
         inputs, outputs = np.zeros((width, TILE)), np.zeros((answers, TILE))
-        inputs[law_input.OVERLAP, :n], inputs[law_input.RADIUS, :n] = overlap[part], radius[part]
-        inputs[law_input.MASS], inputs[law_input.PAIR_TYPE, :n] = 1.0, kind[part]
+        inputs[law_input.OVERLAP, :n], inputs[law_input.RADIUS, :n] = overlap[rows], radius[rows]
+        inputs[law_input.MASS], inputs[law_input.PAIR_TYPE, :n] = 1.0, kind[rows]
         physics.law(inputs.ravel(), outputs.ravel(), n, physics.pairs)
-        force[part], pressure[part] = outputs[law_output.NORMAL_FORCE, :n], outputs[law_output.PEAK_PRESSURE, :n]
+        force[rows], pressure[rows] = outputs[law_output.NORMAL_FORCE, :n], outputs[law_output.PEAK_PRESSURE, :n]
         if physics.stiffness is not None:
             physics.stiffness(inputs.ravel(), outputs.ravel(), n, physics.pairs)
-            stiffness[part] = outputs[0, :n]
+            stiffness[rows] = outputs[0, :n]
     return Response(force, stiffness, pressure)
 
 

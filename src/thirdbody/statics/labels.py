@@ -8,8 +8,7 @@ from thirdbody.laws.compose import compose_labeller
 from thirdbody.laws.contract import Labeller
 from thirdbody.statics.solver import Balance, Grip
 
-STEP = 1.0
-"""Nominal time [s] between two equilibria, which do not depend on it; rates are increments."""
+STEP = 1.0  # nominal time [s] between two equilibria, which do not depend on it; rates are increments
 
 
 class StaticLabels:

@@ -16,25 +16,19 @@ import numpy as np
 from thirdbody.kernels.table import Array
 from thirdbody.statics.solver import ACCEPTED, CONVERGED, NEUTRAL, OVERLAP_GROWTH, Grip, NoStaticState, QuasiStatic, Trial, after
 
-MAX_ROTATION = 0.5
-"""Rotation [rad] beyond which a particle that still moves has tipped over."""
-SMALL_ROTATION = 0.01
-"""Rotation [rad] beyond which the particle has left the last equilibrium."""
+MAX_ROTATION = 0.5  # rotation [rad] beyond which a particle that still moves has tipped over
+SMALL_ROTATION = 0.01  # rotation [rad] beyond which the particle has left the last equilibrium
 STEPS, NEWTON_STEPS, HALVINGS = 5000, 20, 6
-SOLVED = 1e-6
-"""Tolerance of the relative residual, resistance included, of a step."""
+SOLVED = 1e-6  # tolerance of the relative residual, resistance included, of a step
 SLOWER, FASTER = 4.0, 3.0
 """The resistance is multiplied by SLOWER after a failed step, and divided by FASTER after a successful one."""
 BENT, BENT_PATH = 0.5, 0.01
 """Largest deviation of a step, and of a path, from the circular motion of a spot, over the largest overlap."""
-CAUTION = 0.8
-"""Target rotation of the next step over the largest allowed one."""
-STRONGEST, WEAKEST = 1e6, 1e-12
-"""Bounds of the resistance over the stiffness."""
+CAUTION = 0.8  # target rotation of the next step over the largest allowed one
+STRONGEST, WEAKEST = 1e6, 1e-12  # bounds of the resistance over the stiffness
 UNLOADINGS, LIGHTER = 5, 1.0 / 64.0
 """Number of loads, and their ratio: overlaps fall to a sixteenth. After five, rounding of the places is 1e-4 of the overlaps."""
-TOUCHING = 1e-12
-"""Gap over the size of the particle that counts as rounding."""
+TOUCHING = 1e-12  # gap over the size of the particle that counts as rounding
 
 
 def relax(solver: QuasiStatic, plate: Sequence[float]) -> bool:
@@ -63,7 +57,7 @@ def relax(solver: QuasiStatic, plate: Sequence[float]) -> bool:
 
 
 def seat(solver: QuasiStatic, plate: Sequence[float]) -> QuasiStatic:
-    """Return a solver under load, in equilibrium where the particle comes to rest.
+    """Return a solver under load, in equilibrium where the particle comes to rest; NoStaticState is raised if it tips over.
 
     Parameters
     ----------
@@ -75,11 +69,6 @@ def seat(solver: QuasiStatic, plate: Sequence[float]) -> QuasiStatic:
     Returns
     -------
     QuasiStatic
-
-    Raises
-    ------
-    NoStaticState
-        It tips over.
     """
     goal = np.asarray(plate, float)
     loaded = QuasiStatic(solver.grip, solver.contacts, True)
@@ -104,6 +93,7 @@ def from_first_touch(solver: QuasiStatic, load: float) -> QuasiStatic:
 
     Under a load a seat is off that posture by the overlaps. Its loaded spots are those under `load`, or, where these cannot all
     touch at once, those that stay loaded under ever smaller loads and weights. Their gaps are closed by the smallest rotation.
+    Raises NoStaticState where it tips over.
 
     Parameters
     ----------
@@ -115,11 +105,6 @@ def from_first_touch(solver: QuasiStatic, load: float) -> QuasiStatic:
     Returns
     -------
     QuasiStatic
-
-    Raises
-    ------
-    NoStaticState
-        It tips over.
     """
     seated = solver
     for _ in range(UNLOADINGS):
@@ -140,7 +125,7 @@ def from_first_touch(solver: QuasiStatic, load: float) -> QuasiStatic:
 
 
 def _first_touch(seated: QuasiStatic) -> tuple[Array, Grip, float]:
-    """Return rotation vector and spots where the loaded spots touch at once, and the largest gap left among them [m]."""
+    # rotation vector and spots where the loaded spots touch at once, and the largest gap left among them
     assert seated.now is not None
     up, loaded, rotation = seated.grip.upper, seated.now.overlap > 0.0, np.zeros(3)
     for _ in range(NEWTON_STEPS):
@@ -232,9 +217,9 @@ class _Relaxation:
 
     def _accept(self, trial: Trial) -> None:
         """Accept a step: its end is the start of the next one; with finite rotations, linearise at the orientation there."""
-        solver, part = self.solver, self.solver.rotations
+        solver, turn = self.solver, self.solver.rotations
         assert solver.now is not None
-        self.rotation += float(np.linalg.norm(trial.y[part] - solver.now.coordinates[part])) / solver.grip.arm
+        self.rotation += float(np.linalg.norm(trial.y[turn] - solver.now.coordinates[turn])) / solver.grip.arm
         slip = np.where(trial.overlap > 0.0, solver.now.slip + trial.answer.slip, 0.0)
         solver.adopt(trial.y, self.plate, trial.answer.memory, slip)
         if self.upright is not None:
@@ -247,8 +232,7 @@ class _Relaxation:
         assert solver.now is not None
         start = solver.now.coordinates
 
-        def net_force(trial: Trial) -> Array:
-            """The unbalanced force less the resistance, with the levers at the end of the step."""
+        def net_force(trial: Trial) -> Array:  # less the resistance, with the levers at the end of the step
             change = trial.y - start
             return np.asarray(trial.force + self._geometric_stiffness(trial) @ change - resistance * change)
 
@@ -264,23 +248,20 @@ class _Relaxation:
             jacobian = solver.jacobian(trial) + self._geometric_stiffness(trial) - resistance * np.eye(len(start))
             step = np.linalg.lstsq(jacobian, -force, rcond=None)[0]
             # a spot that is open, or opens, counts only while it is loaded: the rotation is bounded otherwise here
-            part, growth = 1.0, OVERLAP_GROWTH * float(trial.overlap.max())
+            fraction, growth = 1.0, OVERLAP_GROWTH * float(trial.overlap.max())
             if growth > 0.0:
                 change = solver.rows[0] @ step
                 counted = np.where((change < 0.0) & (trial.overlap <= growth), 0.0, np.abs(change))
                 allowed = growth + np.maximum(-trial.overlap, 0.0)
-                part = float(np.min(allowed / np.maximum(counted, allowed)))
-            better = solver.backtrack(trial, step, self.plate, (part, HALVINGS), net_force)
+                fraction = float(np.min(allowed / np.maximum(counted, allowed)))
+            better = solver.backtrack(trial, step, self.plate, (fraction, HALVINGS), net_force)
             if better is None:
                 return None
             trial = better
         return None
 
     def _geometric_stiffness(self, trial: Trial) -> Array:
-        """Return d(force)/d(coordinates) from the way of the spots over the particle as it turns: none in linear kinematics.
-
-        Moments of the forces F on spots that move with the centres c of their spheres: (theta x c) x F.
-        """
+        # moments of the forces F on spots that move with the centres c of their spheres, (theta x c) x F; none if linear
         solver, result = self.solver, np.zeros((len(trial.y), len(trial.y)))
         if self.upright is not None:
             centre, normal = solver.grip.position - _radii(solver), np.where(solver.grip.upper, -1.0, 1.0) * trial.answer.normal
@@ -290,16 +271,14 @@ class _Relaxation:
         return result
 
 
-def _radii(solver: QuasiStatic) -> Array:
-    """Return the vectors (n, 3) [m] from the centres of the spheres to their spots."""
+def _radii(solver: QuasiStatic) -> Array:  # vectors (n, 3) [m] from the centres of the spheres to their spots
     result = np.zeros_like(solver.grip.position)
     result[:, 2] = np.where(solver.grip.upper, solver.contacts.radius, -solver.contacts.radius)
     return result
 
 
 def _rotated_spots(solver: QuasiStatic, rotation: Array) -> Array:
-    """Return the spots (n, 3) [m] of a particle after a rotation: summits of spheres that rotate with it."""
     from scipy.spatial.transform import Rotation  # imported here: 0.2 s
 
-    summit = _radii(solver)
+    summit = _radii(solver)  # of spheres that rotate with the particle
     return Rotation.from_rotvec(rotation).apply(solver.grip.position - summit) + summit

@@ -19,13 +19,11 @@ from numpy.typing import NDArray
 from thirdbody.kernels.table import Array
 from thirdbody.statics.contacts import Answer, Contacts
 
-CONVERGED = 1e-12
-"""Tolerance of the residual force, or moment over the arm, over the sum of normal forces, weight and load."""
+CONVERGED = 1e-12  # tolerance of the residual force, or moment over the arm, over the sum of normal forces, weight and load
 ACCEPTED = 1e-9
 """The same where Newton's method stagnates: a law of springs has corners, at which the last digits do not converge."""
 NEWTON_STEPS, HALVINGS, CUTS, BISECTIONS = 30, 12, 8, 50
-NEUTRAL = 1e-10
-"""Stiffness over the largest stiffness below which a motion counts as free."""
+NEUTRAL = 1e-10  # stiffness over the largest stiffness below which a motion counts as free
 OVERLAP_GROWTH = 0.5
 """Largest change of an overlap in one Newton step over the largest overlap: Hertz' force is strongly nonlinear."""
 
@@ -270,17 +268,16 @@ class QuasiStatic:
 
     def jacobian(self, trial: Trial) -> Array:
         """Return d(force)/d(coordinates) from the laws' tangents, exact also for spots that close."""
-        relieved, part = self.relieved(trial.overlap), trial.closed_fraction
-        k = self.contacts.stiffness(relieved, trial.slip * part[:, None], self.memory)
+        relieved, fraction = self.relieved(trial.overlap), trial.closed_fraction
+        k = self.contacts.stiffness(relieved, trial.slip * fraction[:, None], self.memory)
         before = np.zeros(len(k[0])) if self.now is None else self.now.overlap
-        growth = np.where(part < 1.0, -before / np.where(part < 1.0, trial.overlap - before, 1.0) ** 2, 0.0)
+        growth = np.where(fraction < 1.0, -before / np.where(fraction < 1.0, trial.overlap - before, 1.0) ** 2, 0.0)
         d, x, y = self.rows
         pressed = d if self.bending is None else self.bending.rates(relieved) @ d
         own = trial.slip * growth[:, None]
 
-        def rates(along_x: Array, along_y: Array, by_overlap: Array) -> Array:
-            """Derivatives (n, m) of one component of the tangential forces, from those by slips and overlap."""
-            rows = (part * along_x)[:, None] * x + (part * along_y)[:, None] * y
+        def rates(along_x: Array, along_y: Array, by_overlap: Array) -> Array:  # (n, m) of one component of the tangential forces
+            rows = (fraction * along_x)[:, None] * x + (fraction * along_y)[:, None] * y
             rows += by_overlap[:, None] * pressed + (along_x * own[:, 0] + along_y * own[:, 1])[:, None] * d
             return rows
 
@@ -313,17 +310,17 @@ class QuasiStatic:
     def _search(self, trial: Trial, step: NDArray, plate: Array) -> Trial | None:
         change = np.abs(self.rows @ step).max(axis=1)
         growth = OVERLAP_GROWTH * max(float(trial.overlap.max()), 0.0)
-        part = min(1.0, growth / change[0]) if change[0] > 0.0 and growth > 0.0 else 1.0
-        return self.backtrack(trial, step, plate, (part, HALVINGS), lambda tried: tried.force)
+        first = min(1.0, growth / change[0]) if change[0] > 0.0 and growth > 0.0 else 1.0
+        return self.backtrack(trial, step, plate, (first, HALVINGS), lambda tried: tried.force)
 
     def backtrack(self, trial: Trial, step: NDArray, plate: Array, halved: tuple[float, int], force: Force) -> Trial | None:
-        """Return the first point with a smaller norm of `force`; `halved`: first part of the step, and how many are tried."""
-        size, (part, count) = float(np.linalg.norm(force(trial))), halved
+        """Return the first point with a smaller norm of `force`; `halved`: first fraction of the step, and how many are tried."""
+        size, (fraction, count) = float(np.linalg.norm(force(trial))), halved
         for _ in range(count):
-            tried = self.trial(trial.y + part * step, plate)
-            if float(np.linalg.norm(force(tried))) < (1.0 - 1e-4 * part) * size:
+            tried = self.trial(trial.y + fraction * step, plate)
+            if float(np.linalg.norm(force(tried))) < (1.0 - 1e-4 * fraction) * size:
                 return tried
-            part *= 0.5
+            fraction *= 0.5
         return None
 
     def _nearest(self, trial: Trial, vector: Array, plate: Array) -> Trial:

@@ -13,9 +13,9 @@ from typing import Annotated, Any, Literal
 from pydantic import ValidationError, create_model
 
 from thirdbody import units
-from thirdbody.dimensions import DIMENSIONS
-from thirdbody.scene.field_types import Choice, Count, as_float, show
-from thirdbody.scene.schema_base import Location, Part, wrongs_of
+from thirdbody.schema.fields import Choice, Count, as_float, show
+from thirdbody.schema.parts import Location, Part, wrongs_of
+from thirdbody.units import DIMENSIONS
 
 _FIELDS: dict[str, Any] = {
     "from": (Any, ...),

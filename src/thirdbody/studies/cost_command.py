@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from thirdbody.errors import InputError, Interrupted, OutputError, UsageError
-from thirdbody.quantity import duration
 from thirdbody.report.tables import as_plain, print_json
 from thirdbody.runner.folder_lock import lock_folder
 from thirdbody.studies.copies import Copy, CopyMemory, StudySource, make_copy
@@ -17,6 +16,7 @@ from thirdbody.studies.cost_report import as_json, print_study
 from thirdbody.studies.cost_runs import Bench, Overdue, VariantRuns
 from thirdbody.studies.folder import new_study_folder, read_document, save_plan
 from thirdbody.studies.point import read_result
+from thirdbody.units import duration
 
 REPEATS, BUDGET = 3, 420.0
 """Least number of timings of a variant; wall time of a study [s]."""

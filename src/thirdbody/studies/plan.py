@@ -12,18 +12,17 @@ from pathlib import Path
 from typing import Any
 
 from thirdbody import units
-from thirdbody.dimensions import DIMENSIONS
 from thirdbody.errors import SETTINGS, Fault, InputError, ThirdbodyError
-from thirdbody.quantity import duration, file_size
-from thirdbody.scene.field_types import plain
 from thirdbody.scene.model import Scene
-from thirdbody.scene.toml_writer import toml_text, toml_value_text
+from thirdbody.schema.fields import plain
+from thirdbody.schema.write import toml_text, toml_value_text
 from thirdbody.studies.axes import Settings
 from thirdbody.studies.point import DONE, Point, code_version, point_name, read_result
 from thirdbody.studies.results import unknown, with_states
 from thirdbody.studies.sweep_file import Definition
 from thirdbody.system.cpu_count import cores
 from thirdbody.system.terminal import print_line
+from thirdbody.units import DIMENSIONS, duration, file_size
 
 POINTS = "points"
 """Folder of the points within that of a sweep."""

@@ -141,7 +141,7 @@ def _results(point: Point, stop: Callable[[], bool]) -> dict[str, float]:
     from thirdbody.runner.simulate import execute
     from thirdbody.studies.results import results_of
     from thirdbody.studies.timing import attach, nudge
-    from thirdbody.trajectory.reader import open_run
+    from thirdbody.trajectory.run_file import RunFile
 
     simulation, checkpoint = _simulation(point)
     if point.nudge and checkpoint is None:
@@ -152,7 +152,7 @@ def _results(point: Point, stop: Callable[[], bool]) -> dict[str, float]:
         return stop() or time.time() > point.deadline
 
     summary = execute(simulation, point.folder, 1, overwrite=checkpoint is None, stop=ended, checkpoint=checkpoint)
-    with open_run(point.folder) as run:
+    with RunFile(point.folder) as run:
         return results_of(run, summary | {"integration_time": clock.cpu}, point.results)
 
 

@@ -12,7 +12,7 @@ from thirdbody.errors import nearest
 from thirdbody.trajectory.names import BED, SERIES
 
 if TYPE_CHECKING:
-    from thirdbody.trajectory.reader import Run
+    from thirdbody.trajectory.run_file import RunFile as Run
 
 FRACTION, EVER = "fraction_", "fraction_ever_"
 """Beginnings of the names of results with a state: `fraction_rolling`, `fraction_ever_rolling`."""
@@ -39,10 +39,7 @@ class Result(NamedTuple):
 
 def _load(run: Run, _stored: Stored) -> float:
     """Return the mean load over the frames that the friction coefficient averages [N]."""
-    from thirdbody.trajectory.friction import averaged
-
-    force = run.series["upper_force"][:, 2]
-    frames = averaged(run)
+    force, frames = run.series["upper_force"][:, 2], run.drag.averaged
     return float(force[frames].mean()) if frames.any() else float(force[-1])
 
 

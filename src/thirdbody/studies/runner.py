@@ -15,7 +15,6 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from thirdbody.errors import Interrupted, OutputError, ThirdbodyError
-from thirdbody.quantity import duration
 from thirdbody.runner.folder_lock import lock_folder
 from thirdbody.studies.dask import DaskPoints, is_dask_client
 from thirdbody.studies.folder import Table, refuse_existing_sweep, save_plan
@@ -35,6 +34,7 @@ from thirdbody.studies.point import (
 from thirdbody.studies.workers import LocalWorkers
 from thirdbody.system.cpu_count import cores
 from thirdbody.system.terminal import print_line, progress_bar
+from thirdbody.units import duration
 
 POLL = 0.2
 """Interval [s] at which a wish to stop is noticed."""

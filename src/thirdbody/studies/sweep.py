@@ -1,4 +1,4 @@
-"""Sweeps: `thirdbody.sweep`, its result, and the command `thirdbody sweep`."""
+"""The plans of sweeps, and the command `thirdbody sweep`."""
 
 from __future__ import annotations
 
@@ -6,24 +6,20 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from thirdbody.errors import Fault, GuardStop, InputError, Interrupted, UsageError
-from thirdbody.runner.prepare import check_call
 from thirdbody.scene.model import Scene
-from thirdbody.scene.overrides import toml_value
-from thirdbody.scene.read import read_text
+from thirdbody.scene.settings import toml_value
+from thirdbody.schema.read import read_text
 from thirdbody.studies.folder import SCENE_FILE, is_sweep_folder, read_document, sweep_folder
 from thirdbody.studies.plan import Plan, estimate, make_plan, print_estimate
 from thirdbody.studies.point import DONE, FAILED
-from thirdbody.studies.runner import Execution, SweepReporter, execute_sweep, reporting
+from thirdbody.studies.runner import Execution, execute_sweep, reporting
 from thirdbody.studies.sweep_file import is_sweep, read_sweep, saved_definition, sweep_of_options, sweep_of_python
 from thirdbody.studies.sweep_table import SweepTable
-from thirdbody.system.signals import stop_on_ctrl_c, stop_on_signal
+from thirdbody.system.signals import stop_on_signal
 from thirdbody.system.terminal import print_line
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 FOLDER = Path("sweeps")
 """Folder of sweeps that name none."""
@@ -32,116 +28,7 @@ REPORTED = 5
 """Largest number of failed points that are listed at the end; the table has all."""
 
 
-class Sweep(SweepTable):
-    """A sweep on the disk, finished or not; read when opened.
-
-    Parameters
-    ----------
-    path : str or Path
-        Its folder, or the `points.csv` in it.
-
-    Notes
-    -----
-    `points` lists all points in the order of the table; each has `values` of the axes (SI), `status`, `reason`, `exit_code`,
-    `seconds`, `results`, `folder` and `run`. `axes` and `results` give the units by name, "1" for pure numbers and texts.
-
-    Raises
-    ------
-    InputError
-        There is no sweep, or it is damaged.
-    """
-
-    def plot(
-        self,
-        out: str | os.PathLike[str] | None = None,
-        panels: Sequence[str] | None = None,
-        x: str | None = None,
-        y: str | None = None,
-    ) -> Figure:
-        """Draw curves of the results over one axis, or maps over two; return the figure.
-
-        Parameters
-        ----------
-        out : str or Path, optional
-            Picture file: .png, .pdf or .svg.
-        panels : sequence of str, optional
-            Results to draw; None: friction, fractions of states.
-        x, y : str, optional
-            Axes of the picture; None: chosen by their number of values. Seeds, and axes that are not drawn, are averaged, with
-            the standard error as a bar.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-        """
-        from thirdbody.studies.sweep_plot import draw_sweep
-
-        return draw_sweep(self, None if out is None else Path(out), panels, x, y)
-
-
-def sweep(
-    scene: Scene | str | os.PathLike[str] | Mapping[str, Any],
-    vary: Mapping[Any, Any] | Sequence[Mapping[str, Any]] | None = None,
-    out: str | os.PathLike[str] | None = None,
-    executor: Any = None,
-    *,
-    resume: bool | str = False,
-    progress: bool | SweepReporter = True,
-    plugins: Iterable[str | Path] = (),
-    **options: Any,
-) -> Sweep:
-    """Run a scene at many points and return the opened sweep; a point that fails is a row of its table.
-
-    Parameters
-    ----------
-    scene : Scene, str, Path or dict
-        As for `run`; without `vary` the path of a sweep file, or with `resume` the folder of a sweep.
-    vary : dict or sequence of dict
-        Values by key: a list, an array, or {"from": 0.05, "to": 0.6, "count": 12, "scale": "log"}; the keys of a tuple move
-        together, and its values are tuples. Or the points themselves: a list with a dictionary for each. Numbers are in SI.
-    out : str or Path, optional
-        Folder of the sweep; None: `sweeps/<name of the scene or sweep file>`.
-    executor : optional
-        A Dask client, or anything with the `submit` of `concurrent.futures`; its workers must reach `out`. None: local processes
-        with one thread each.
-    resume : bool or str
-        True: do what is missing in the folder, within a point from its checkpoint. "failed": run failed points again too.
-    progress : bool or callable
-        True: a bar, False: nothing. A callable gets a `SweepProgress`: `done`, `failed`, `total`, `elapsed` [s], `left` [s].
-    plugins : iterable of str or Path
-        Python files with a `PLUGIN` or `DEBRIS_KINDS`.
-    **options
-        Keys of a sweep file: `design` ("grid", "zip", "sobol", "latin_hypercube"), `samples`, `seed`, `results`, `keep` ("all",
-        "summary"), `settings`. And `workers`, the number of local processes (default: as many as cores).
-
-    Returns
-    -------
-    Sweep
-
-    Raises
-    ------
-    UsageError, InputError, OutputError
-        The call, a key or a value of any point is wrong, all faults at once, before anything runs; the folder exists.
-    Interrupted
-        Ctrl-C: what is done is kept, and `resume` goes on.
-
-    Examples
-    --------
-    >>> mu = {"from": 0.1, "to": 0.3, "count": 3}
-    >>> sweep = thirdbody.sweep("example.toml", {"pairs.0.friction": mu}, "sweeps/mu", progress=False)
-    >>> [point.status for point in sweep.points]
-    ['done', 'done', 'done']
-    """
-    check_call(plugins, progress)
-    workers = _workers(options.pop("workers", None), executor, resume)
-    plan, folder = _plan_of_python(scene, vary, None if out is None else Path(out), plugins, options)
-    with reporting(progress, plan.title) as report, stop_on_ctrl_c() as stop:
-        execution = Execution(executor, workers, bool(resume), resume == "failed", report, stop=stop)
-        execute_sweep(plan, folder, execution)
-    return Sweep(folder)
-
-
-def _workers(workers: Any, executor: Any, resume: Any) -> int | None:
+def number_of_workers(workers: Any, executor: Any, resume: Any) -> int | None:
     """Return the number of workers. Raises UsageError for a wrong one, and for a wrong `executor` or `resume`."""
     if executor is not None and not callable(getattr(executor, "submit", None)):
         raise UsageError(f"executor = {executor!r}: must be a Dask client, or have the `submit` of concurrent.futures")
@@ -152,7 +39,7 @@ def _workers(workers: Any, executor: Any, resume: Any) -> int | None:
     return workers
 
 
-def _plan_of_python(
+def plan_of_python(
     scene: Any, vary: Any, out: Path | None, plugins: Iterable[str | Path], options: Mapping[str, Any]
 ) -> tuple[Plan, Path]:
     """Return the plan of the arguments of `sweep`, and its folder."""
@@ -258,7 +145,8 @@ def print_sweep(sweep: SweepTable, json: bool) -> None:
     if json:
         from thirdbody.report.tables import print_json
 
-        rows = [vars(point) | {"folder": str(point.folder)} for point in sweep.points]
+        listed = [{name: value for name, value in vars(point).items() if name != "opened"} for point in sweep.points]
+        rows = [row | {"folder": str(row["folder"])} for row in listed]
         print_json({"title": sweep.title, "axes": sweep.axes, "units": sweep.results, "points": rows})
         return
     done = sum(point.status == DONE for point in sweep.points)

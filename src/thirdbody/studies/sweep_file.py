@@ -13,11 +13,11 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import ValidationError
 
 from thirdbody.errors import Fault, InputError
-from thirdbody.scene.field_types import Choice, Count, Seed, Text, Whole, listing
-from thirdbody.scene.overrides import toml_value
-from thirdbody.scene.read import Source, read_text, read_toml
-from thirdbody.scene.schema_base import MISSING, Location, Part, Wrong, wrongs_of
-from thirdbody.scene.toml_writer import toml_value_text
+from thirdbody.scene.settings import toml_value
+from thirdbody.schema.fields import Choice, Count, Seed, Text, Whole, listing
+from thirdbody.schema.parts import MISSING, Location, Part, Wrong, wrongs_of
+from thirdbody.schema.read import Source, read_text, read_toml
+from thirdbody.schema.write import toml_value_text
 from thirdbody.studies.axes import SAMPLED, Axis, Column, Settings, design_fault, lengths_fault, read_column, settings_of_points
 from thirdbody.studies.results import DEFAULT
 

@@ -11,9 +11,9 @@ import numpy as np
 from thirdbody.errors import InputError, UsageError, nearest
 from thirdbody.palette import INK, LINE_COLORS, SOFT_INK, STATE_COLORS
 from thirdbody.plot.forecast_plot import check_format
-from thirdbody.quantity import prefix_for
 from thirdbody.studies.results import EVER, FRACTION
 from thirdbody.studies.sweep_table import Average, SweepTable, average
+from thirdbody.units import prefix_for
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

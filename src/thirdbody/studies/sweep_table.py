@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,7 +16,8 @@ from thirdbody.studies.folder import RUNS, read_document, sweep_folder
 from thirdbody.studies.plan import POINTS, AxisColumn
 from thirdbody.studies.point import DONE, WAITING, Point, PointResult, read_result
 from thirdbody.studies.results import result
-from thirdbody.trajectory.reader import FILE_NAME, Run, open_run
+from thirdbody.trajectory.open_file import FILE_NAME
+from thirdbody.trajectory.run_file import RunFile
 
 
 @dataclass(frozen=True)
@@ -30,18 +32,22 @@ class SweepPoint:
     exit_code: int | None = None
     seconds: float = 0.0
     results: dict[str, float] = field(default_factory=dict)
+    opened: Callable[[Path], Any] = field(default=RunFile, repr=False)
 
     @property
-    def run(self) -> Run:
+    def run(self) -> Any:
         """Its run, opened. Raises InputError where there is none: not yet run, or kept as `summary` only."""
         if not (self.folder / FILE_NAME).is_file():
             why = "only its results were kept" if self.status == DONE else f"it is {self.status}"
             raise InputError(f"point {self.number} has no run in {self.folder}: {why}")
-        return open_run(self.folder)
+        return self.opened(self.folder)
 
 
 class SweepTable:
-    """The points of a sweep on the disk, finished or not; see `sweep.Sweep`. Raises InputError."""
+    """The points of a sweep on the disk, finished or not; see `thirdbody.Sweep`. Raises InputError."""
+
+    opened: Callable[[Path], Any] = RunFile
+    """Opens the run of a point."""
 
     def __init__(self, path: str | os.PathLike[str]):
         document = read_document(Path(path))
@@ -61,7 +67,7 @@ class SweepTable:
         values = {column.key: column.values[number] for column in self.columns}
         saved = read_result(Point(number, folder, "", self.path, tuple(self.results))) or PointResult(number, WAITING)
         outcome = saved.status, saved.reason, saved.exit_code, saved.seconds, dict(saved.results)
-        return SweepPoint(number, folder, values, *outcome)
+        return SweepPoint(number, folder, values, *outcome, type(self).opened)
 
     def __len__(self) -> int:
         return len(self.points)

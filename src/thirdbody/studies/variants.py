@@ -8,7 +8,7 @@ from typing import Any
 from thirdbody.errors import InputError
 from thirdbody.laws.contract import LawFamily
 from thirdbody.scene.model import Scene
-from thirdbody.scene.speed_scale import at_speed
+from thirdbody.scene.speed import at_speed
 from thirdbody.scene.tables import IMPLICIT_KEYS
 from thirdbody.studies.timing import NUDGE
 

@@ -11,12 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from thirdbody.errors import Fault, InputError
-from thirdbody.quantity import percent
 from thirdbody.surfaces import grid
 from thirdbody.surfaces.height_map import HeightMap
 from thirdbody.surfaces.levelling import fill_missing, levelled
 from thirdbody.surfaces.surface import Surface, about_mean_plane
-from thirdbody.units import pretty
+from thirdbody.units import percent, pretty
 
 OVERLAP = (0.1, 0.5)
 """Least and largest length over which a copy and the next both have heights, over that of a copy: the cut lies there."""

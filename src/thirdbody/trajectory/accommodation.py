@@ -21,14 +21,12 @@ one plate by its weight or hits it, passes nothing on and does not count. Where 
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from thirdbody.engine.candidates import sides_of
 from thirdbody.engine.state import State
 from thirdbody.engine.upper_plate import rate_before
-from thirdbody.kernels.tables import LOWER, UPPER, record
+from thirdbody.kernels.tables import LOWER, UPPER
+from thirdbody.trajectory.contacts import FrameContacts
 from thirdbody.trajectory.names import ACCOMMODATION
 
 Array = np.ndarray
@@ -39,15 +37,17 @@ def has_accommodation(state: State, drag: Array) -> bool:
     return state.world.lower is not None and state.world.upper is not None and bool(np.any(drag))
 
 
-def accommodation(drag: Array, state: State, contacts: Closed | None = None) -> Array:
+def accommodation(drag: Array, state: State, contacts: FrameContacts | None = None) -> Array:
     """Return the four parts of the plate's speed now [m/s] and 1, (5,); zeros where no load passes from plate to plate.
 
     The mean of the last number over time is the fraction of the time in which the parts are defined (`parts_of`). `drag` (3,):
     unit vector of the first motion of the upper plate. `contacts`: those of now, if known; they must have records.
     """
-    if state.world.upper is not None and not state.world.upper.schedule.straight:
-        drag = np.array([*state.world.upper.schedule.heading_at(state.time), 0.0])
-    (lower, lower_rim), (upper, upper_rim) = plate_contacts(state, drag, contacts or closed_contacts(state))
+    assert state.world.upper is not None
+    schedule = state.world.upper.schedule
+    if not schedule.straight:
+        drag = np.array([*schedule.heading_at(state.time), 0.0])
+    (lower, lower_rim), (upper, upper_rim) = _plate_contacts(state, drag, contacts or FrameContacts(state))
     weights = transmitting_weights(upper, lower, state.world.debris_meets)
     if weights is None:
         return np.zeros(len(ACCOMMODATION) + 1)
@@ -55,7 +55,8 @@ def accommodation(drag: Array, state: State, contacts: Closed | None = None) -> 
     # sums without BLAS, whose bits depend on the number of its threads
     velocity = np.sum(state.bodies.velocity * drag, axis=1)
     top, bottom, rim, ground = (float(np.sum(product)) for product in (p * velocity, q * velocity, p * upper_rim, q * lower_rim))
-    return np.array([plate_speed(state, drag) - top - rim, bottom + ground, rim - ground, top - bottom, 1.0])
+    speed = sum(rate_before(axis, state.time) * float(e) for axis, e in zip((schedule.x, schedule.y), drag, strict=False))
+    return np.array([speed - top - rim, bottom + ground, rim - ground, top - bottom, 1.0])
 
 
 def parts_of(mean: Array) -> dict[str, float]:
@@ -64,30 +65,14 @@ def parts_of(mean: Array) -> dict[str, float]:
     return {name: float(x) / loaded if loaded > 0.0 else np.nan for name, x in zip(ACCOMMODATION, mean, strict=False)}
 
 
-class Closed(NamedTuple):
-    """Closed contacts (n,): what they touch, number of the body, normal force [N], contact point from its centre (n, 3) [m]."""
-
-    side: Array
-    body: Array
-    force: Array
-    point: Array
-
-
-def closed_contacts(state: State) -> Closed:
-    """Return the closed contacts."""
-    slots = state.slots
-    closed = slots.rows.closed()
-    force, point = slots.rows.records(closed, record.NORMAL_FORCE, record.POINT3)
-    return Closed(sides_of(slots.partner[closed]), state.body[slots.own[closed]], force, point)
-
-
-def plate_contacts(state: State, drag: Array, contacts: Closed) -> list[tuple[Array, Array]]:
+def _plate_contacts(state: State, drag: Array, contacts: FrameContacts) -> list[tuple[Array, Array]]:
     """Return what the bodies have of each plate, the lower one first; contacts that pull do not count.
 
     It is the normal force of the plate [N], and what the spin of the body adds to the speed there [m/s], each (n_bodies,).
     """
-    n, on = state.n_bodies, np.flatnonzero((contacts.force > 0.0) & ((contacts.side == LOWER) | (contacts.side == UPPER)))
-    owner, force, point = contacts.body[on], contacts.force[on], contacts.point.take(on, axis=0)  # four times as fast as [on]
+    n, pushes = state.n_bodies, contacts.normal_force > 0.0
+    on = np.flatnonzero(pushes & ((contacts.side == LOWER) | (contacts.side == UPPER)))
+    owner, force, point = contacts.owner[on], contacts.normal_force[on], contacts.arm.take(on, axis=0)  # 4 times as fast as [on]
     spin = state.bodies.spin
     # (w x r) . e = r . (e x w); e has no component along z
     crossed = np.column_stack([drag[1] * spin[:, 2], -drag[0] * spin[:, 2], drag[0] * spin[:, 1] - drag[1] * spin[:, 0]])
@@ -111,11 +96,3 @@ def transmitting_weights(upper: Array, lower: Array, meet: bool) -> tuple[Array,
         return None
     p, q = ((alone + (through / total) * rest if through else alone) / load for rest, total in zip(rests, sums, strict=True))
     return p, q
-
-
-def plate_speed(state: State, drag: Array) -> float:
-    """Return the speed of the upper plate along the drag now [m/s]."""
-    upper = state.world.upper
-    assert upper is not None
-    axes = upper.schedule.x, upper.schedule.y
-    return sum(rate_before(axis, state.time) * float(e) for axis, e in zip(axes, drag, strict=False))

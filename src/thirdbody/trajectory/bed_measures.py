@@ -1,4 +1,4 @@
-"""Measures of a bed at an output: how slowly it is sheared, how stiff, dense and close to equilibrium it is.
+"""Measures of a bed at an output: how slowly it is sheared and in which band, how stiff, dense and close to equilibrium it is.
 
 All come from what the last step computed and from the means over the output interval.
 """
@@ -14,12 +14,15 @@ from numpy.typing import NDArray
 from thirdbody.engine.state import State
 from thirdbody.granular_flow import LAYERS, inertial_number, median_by_mass, softness
 from thirdbody.kernels.tables import DEBRIS, body, body_extra, record
-from thirdbody.trajectory.shear_zone import rising_profile, shear_zone
 
 Array = NDArray[np.float64]
 
 CORE = 0.25
 """Largest fraction of the gap that is left out at each plate for the solid fraction."""
+
+
+EDGE = 0.1
+"""Fractions EDGE and 1 - EDGE of the velocity difference of the bed are reached at the edges of the shear zone."""
 
 
 class Interval(NamedTuple):
@@ -42,8 +45,11 @@ class BedMeasures:
 
     def series(self, interval: Interval, elastic: float) -> dict[str, float]:
         """Return the measures by the names of their series; NaN where one is not defined. `elastic`: stored energy [J]."""
-        bed, P = interval.gap >= LAYERS * self.median, interval.pressure
-        number = self._inertial_number(interval) if bed and P > 0.0 else math.nan
+        bed, P, number = interval.gap >= LAYERS * self.median, interval.pressure, math.nan
+        if bed and P > 0.0:
+            zone = shear_zone(self.state.bodies.position[:, 2], interval.velocities, self.mass, self.median)
+            number = math.nan if zone is None else inertial_number(zone.rate, self.median, self.density, P)
+        sides = self.state.slots.sides[self._loaded()]
         return {
             "inertial_number": number,
             "inertial_number_largest": number * self.largest / self.median,
@@ -51,14 +57,9 @@ class BedMeasures:
             "overlap_ratio": self._overlap_ratio(),
             "unbalanced_force": self._unbalanced_force(),
             "kinetic_energy_ratio": self._fluctuation_energy(bed) / elastic if elastic > 0.0 else math.nan,
-            "coordination_number": self._coordination_number(),
+            "coordination_number": (len(sides) + np.count_nonzero(sides == DEBRIS)) / self.state.n_bodies,
             "solid_fraction": self._solid_fraction(interval.gap) if bed else math.nan,
         }
-
-    def _inertial_number(self, interval: Interval) -> float:
-        """Return the inertial number of the median diameter."""
-        zone = shear_zone(self.state.bodies.position[:, 2], interval.velocities, self.mass, self.median)
-        return math.nan if zone is None else inertial_number(zone.rate, self.median, self.density, interval.pressure)
 
     def _loaded(self) -> NDArray[np.int64]:
         """Return the contacts that carry load."""
@@ -90,10 +91,6 @@ class BedMeasures:
         spinning = np.sum(s.E[:, body_extra.ANGULAR_MOMENTUM3] * s.B[:, body.SPIN3])
         return 0.5 * float(self.mass @ np.sum(v**2, axis=1) + spinning)
 
-    def _coordination_number(self) -> float:
-        sides = self.state.slots.sides[self._loaded()]
-        return (len(sides) + np.count_nonzero(sides == DEBRIS)) / self.state.n_bodies
-
     def _solid_fraction(self, gap: float) -> float:
         """Return the volume of bodies over that of the core: the bed without a largest diameter at each plate."""
         margin = min(self.largest, CORE * gap)
@@ -120,3 +117,50 @@ def _mean_flow(heights: Array, velocities: Array, masses: Array) -> Array:
         along = rising_profile(velocities[order, :2] @ trend / size, masses[order])
         flow[order, :2] = along[:, None] * (trend / size)
     return flow
+
+
+class ShearZone(NamedTuple):
+    """Shear rate [1/s], and the heights of the zone's edges above the lower plate [m]."""
+
+    rate: float
+    bottom: float
+    top: float
+
+
+def shear_zone(heights: Array, velocities: Array, masses: Array, diameter: float) -> ShearZone | None:
+    """Return the shear zone of bodies at heights (n,) [m] with velocities (n, 3) [m/s]; None where all lie in one layer.
+
+    The bed shears by the difference between the mean velocities of its lowest and its highest layer, one `diameter` [m] thick.
+    The edges of the zone are where a profile that does not fall reaches the fractions EDGE and 1 - EDGE of it; the rate is the
+    difference between the edges over their distance. A zone is at least a diameter thick: grains are not sheared themselves.
+    """
+    low, high = heights <= heights.min() + diameter, heights >= heights.max() - diameter
+    if np.any(low & high):
+        return None
+    base = np.average(velocities[low, :2], axis=0, weights=masses[low])
+    difference = np.average(velocities[high, :2], axis=0, weights=masses[high]) - base
+    size = float(np.linalg.norm(difference))
+    if size == 0.0:
+        return ShearZone(0.0, float(heights.min()), float(heights.max()))
+    order = np.argsort(heights, kind="stable")
+    along = (velocities[order, :2] - base) @ (difference / size)
+    profile = rising_profile(along, masses[order])
+    bottom, top = (_height_of(fraction * size, profile, heights[order]) for fraction in (EDGE, 1.0 - EDGE))
+    within = 1.0 - 2.0 * EDGE
+    return ShearZone(within * size / max(top - bottom, within * diameter), bottom, top)
+
+
+def rising_profile(values: Array, weights: Array) -> Array:
+    """Return the sequence (n,) that never falls and is nearest to `values` (n,) by weighted least squares."""
+    from scipy.optimize import isotonic_regression
+
+    return np.asarray(isotonic_regression(values, weights=weights).x, float)
+
+
+def _height_of(value: float, profile: Array, heights: Array) -> float:
+    """Return the height [m] at which a profile that does not fall reaches a value, linear between bodies."""
+    k = int(np.searchsorted(profile, value))
+    if k in (0, len(profile)):
+        return float(heights[min(k, len(profile) - 1)])
+    below, above = profile[k - 1], profile[k]
+    return float(heights[k - 1] + (value - below) / (above - below) * (heights[k] - heights[k - 1]))

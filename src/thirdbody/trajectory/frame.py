@@ -1,23 +1,29 @@
-"""Frames of a trajectory from the state of a run: stored quantities of the step, without new evaluations."""
+"""Frames of a trajectory from the state of a run, and what of them is written (table `output` of a scene).
+
+Spheres that are not written follow from their bodies: the static arrays of their block then hold each sphere's place in its body.
+"""
+
+from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from thirdbody.engine.energy import Ledger, Stored
+from thirdbody.engine.guards import Ledger, Stored
 from thirdbody.engine.measures import body_amounts, map_densities
 from thirdbody.engine.state import State, orientations
 from thirdbody.kernels.tables import DEBRIS, body, body_extra, patch, record, run_totals, sphere
 from thirdbody.laws.contract import Labeller
-from thirdbody.trajectory.accommodation import Closed, accommodation, has_accommodation, parts_of
+from thirdbody.trajectory.accommodation import accommodation, has_accommodation, parts_of
 from thirdbody.trajectory.bed_measures import BedMeasures, Interval
-from thirdbody.trajectory.frame_contacts import FrameContacts
-from thirdbody.trajectory.interval_means import IntervalMeans
+from thirdbody.trajectory.blocks import Storage
+from thirdbody.trajectory.contacts import FrameContacts
+from thirdbody.trajectory.names import Frame
 from thirdbody.trajectory.profiles import Profiler
-from thirdbody.trajectory.sample import Sample
-from thirdbody.trajectory.schema import Frame
+from thirdbody.trajectory.read_blocks import LOCAL_CENTER
+from thirdbody.trajectory.sampling import IntervalMeans, Sample
 
 
 class FrameMaker:
@@ -38,7 +44,6 @@ class FrameMaker:
         self.work_and_path = np.zeros(2)  # work [J] and path [m] of the drag in it
         self.interval = 0.0  # since the previous frame [s]
         self.scene_time: Callable[[float], float] | None = None  # time of the scene at a computed time, where they differ
-        self._corners = _corners(state)
         self.given, self.spheres = state.given, state.given_spheres
         self.blocks: tuple[str, ...] = ("spheres", "contacts")  # of these, what is written: the other one is empty in frames
         self.arrays: frozenset[str] | None = None  # of the bodies, what frames have; None: all
@@ -76,19 +81,20 @@ class FrameMaker:
     def body_arrays(self) -> list[str]:
         """Return the names of the arrays of the bodies, without those that never change."""
         labels = np.zeros((self.state.n_bodies, 0)) if self.labeller else None
-        return [name for name in self._arrays_of_bodies(labels, FrameContacts(self.state)) if name != "points"]
+        return [name for name in self._arrays_of_bodies(labels, None) if name != "points"]
 
     def frame(self, labels: np.ndarray | None, stored: Stored | None = None) -> Frame:
         """Return the present frame, bodies in the order of the scene.
 
-        `labels`: from `Explicit.label`; None without a labeller. `stored`: `engine.energy.stored_energies` of now, if known.
+        `labels`: from `Explicit.label`; None without a labeller. `stored`: `engine.guards.stored_energies` of now, if known.
         """
         s = self.state
         self.interval_means = self.means.finish() if self.means else {}
         closed = FrameContacts(s)
         if self.watch is not None:
             self.watch(closed)
-        clumps = self._clumps(labels, closed)
+        arrays = self._arrays_of_bodies(labels, closed)
+        clumps = {name: values() for name, values in arrays.items() if self.arrays is None or name in self.arrays}
         series = self._series(clumps, closed, stored)
         if self.sample is not None:
             clumps = {name: values[self.sample.bodies] for name, values in clumps.items()}
@@ -98,8 +104,10 @@ class FrameMaker:
     def _spheres(self, clumps: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         if "spheres" not in self.blocks:
             return {"points": np.zeros((0, 3))}
-        s, S = self.state, self.state.S[self.spheres]
-        spheres = {"points": S[:, :3].copy(), "velocity": _sphere_velocities(s)[self.spheres]}
+        s = self.state
+        # a ball may share its row with its body
+        velocity = s.B[:, body.VELOCITY3] if s.S is s.B else s.S[:, sphere.END_VELOCITY3]
+        spheres = {"points": s.S[self.spheres, :3], "velocity": velocity[self.spheres]}
         if "state" in clumps:
             clump = self._bodies_of_spheres()
             spheres["state"] = clumps["state"][clump]
@@ -123,13 +131,8 @@ class FrameMaker:
         arrays = contacts.arrays(chosen)
         return arrays if self.sample is None else self.sample.of_contacts(arrays)
 
-    def _clumps(self, labels: np.ndarray | None, contacts: FrameContacts) -> dict[str, np.ndarray]:
-        """Return the arrays of the bodies that are written."""
-        arrays = self._arrays_of_bodies(labels, contacts)
-        return {name: values() for name, values in arrays.items() if self.arrays is None or name in self.arrays}
-
-    def _arrays_of_bodies(self, labels: np.ndarray | None, contacts: FrameContacts) -> dict[str, Callable[[], np.ndarray]]:
-        """Return what computes the arrays of the bodies, by their names."""
+    def _arrays_of_bodies(self, labels: np.ndarray | None, contacts: Any) -> dict[str, Callable[[], np.ndarray]]:
+        """Return what computes the arrays of the bodies, by their names; `contacts`: FrameContacts, None for the names alone."""
         s, given = self.state, self.given
         arrays: dict[str, Callable[[], np.ndarray]] = {
             "points": lambda: s.B[given, body.POSITION3],
@@ -138,13 +141,14 @@ class FrameMaker:
             "angular_velocity": lambda: s.B[given, body.SPIN3],
             "force": lambda: s.B[given, body.FORCE3],
             "torque": lambda: s.B[given, body.TORQUE3],
-            "friction_work": self._friction_work,
+            "friction_work": lambda: s.B[given, body.FRICTION_WORK],
             "slip_distance": lambda: s.B[given, body.SLIP_DISTANCE],
             "utilisation": lambda: contacts.largest(contacts.utilisation),
             "peak_pressure": lambda: contacts.largest(contacts.peak_pressure),
-            "contacts": contacts.number,
+            "contacts": lambda: contacts.number(),
         }
-        if s.physics.loss:
+        if s.physics.loss:  # what the normal law has lost is in the kernel's work of friction
+            arrays["friction_work"] = lambda: s.B[given, body.FRICTION_WORK] - s.E[given, body_extra.NORMAL_LOSS]
             arrays[f"{s.physics.loss}_work"] = lambda: s.E[given, body_extra.NORMAL_LOSS]
         arrays |= {name: partial(values.__getitem__, given) for name, values in body_amounts(s).items()}
         if s.physics.pull_off is not None:
@@ -157,14 +161,7 @@ class FrameMaker:
             arrays[name] = partial(self._labels, labels, k, np.uint8 if name in codes else np.float64)
         return arrays
 
-    def _friction_work(self) -> np.ndarray:
-        """Return the work of friction on each body [J], without what the normal law has lost."""
-        s = self.state
-        work = s.B[self.given, body.FRICTION_WORK]
-        return work - s.E[self.given, body_extra.NORMAL_LOSS] if s.physics.loss else work
-
     def _labels(self, labels: np.ndarray, column: int, kind: Any) -> np.ndarray:
-        """Return a column of the labels, (bodies,)."""
         return labels[self.given, column].astype(kind)
 
     def _agglomerates(self) -> np.ndarray:
@@ -184,11 +181,12 @@ class FrameMaker:
         return lowest[label]
 
     def _plates(self) -> dict[str, np.ndarray] | None:
-        if self._corners is None:
+        world, (l_x, l_y) = self.state.world, self.state.world.size
+        if world.lower is None:
             return None
-        points = self._corners.copy()
-        upper = self.state.world.upper
+        points, upper = np.array([[0.0, 0.0, 0.0], [l_x, 0.0, 0.0], [l_x, l_y, 0.0], [0.0, l_y, 0.0]]), world.upper
         if upper is not None:
+            points = np.concatenate([points, points])
             points[4:, :2] += np.array(upper.schedule.displacement_at(self.state.time))
             points[4:, 2] = self._gap()
         return {"points": points}
@@ -199,14 +197,6 @@ class FrameMaker:
         if upper is None:
             return np.nan
         return float(P[-1, patch.HEIGHT]) if upper.foundation is not None else float(np.mean(P[:, patch.HEIGHT]))
-
-    def _displacement(self) -> float:
-        """Return the displacement of the upper plate relative to the lower one along its first direction of motion [m].
-
-        NaN without motion. The plate follows its schedule exactly in every step of both integrators.
-        """
-        upper = self.state.world.upper
-        return np.nan if upper is None else float(np.array(upper.schedule.displacement_at(self.state.time)) @ self.drag[:2])
 
     def _mean_forces(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the mean force of the debris on both plates since the previous frame, and that of direct contact on the upper
@@ -226,7 +216,7 @@ class FrameMaker:
         return float(work) / (abs(float(force[2])) * float(path)) if path > 0.0 else np.nan
 
     def _series(self, clumps: dict[str, np.ndarray], contacts: FrameContacts, stored: Stored | None) -> dict[str, Any]:
-        s, states = self.state, clumps.get("state")
+        s, states, plate = self.state, clumps.get("state"), self.state.world.upper
         upper, lower, direct = self._mean_forces()
         lines = self.ledger.lines(s, stored)
         both = upper + direct
@@ -236,23 +226,23 @@ class FrameMaker:
         series: dict[str, Any] = {
             "time": s.time,
             "distance": s.distance,
-            "displacement": self._displacement(),
+            # along the first direction of motion; the plate follows its schedule exactly in every step of both integrators
+            "displacement": np.nan if plate is None else float(np.array(plate.schedule.displacement_at(s.time)) @ self.drag[:2]),
             "gap": self._gap(),
             "upper_force": upper,
             "lower_force": lower,
             "friction_coefficient": self._friction(both) if normal > 0.0 and dragged else np.nan,
             "loaded": loaded,
         }
-        if s.world.upper is not None:
+        if plate is not None:
             series["active"] = contacts.active()
-        if s.world.upper is not None and s.world.upper.direct is not None:
+        if plate is not None and plate.direct is not None:
             series |= {"direct_force": direct, "load_share_debris": float(upper[2] / both[2]) if both[2] > 0.0 else np.nan}
         if dragged:
             series["drag_work"] = s.A[run_totals.DRAG_WORK]
         if has_accommodation(s, self.drag):
             mean = self.interval_means.get("accommodation")
-            closed = Closed(contacts.side, contacts.owner, contacts.normal_force, contacts.arm)
-            series |= parts_of(accommodation(self.drag, s, closed) if mean is None else mean)
+            series |= parts_of(accommodation(self.drag, s, contacts) if mean is None else mean)
         if self.scene_time is not None:
             series["scene_time"] = self.scene_time(s.time)
         if states is not None and self.labeller is not None:
@@ -268,8 +258,7 @@ class FrameMaker:
     def _bed_series(self, bed: BedMeasures, force: float, lines: dict[str, float]) -> dict[str, float]:
         """Return the measures of the bed; `force`: mean normal force on a plate over the output interval [N]."""
         l_x, l_y = self.state.world.size
-        velocities = self.interval_means.get("velocity", self.state.bodies.velocity)
-        interval = Interval(force / (l_x * l_y), velocities, self._gap())
+        interval = Interval(force / (l_x * l_y), self.interval_means.get("velocity", self.state.bodies.velocity), self._gap())
         return bed.series(interval, lines["elastic_normal"] + lines["elastic_tangential"])
 
 
@@ -283,15 +272,39 @@ def impulses_of(state: State) -> np.ndarray:
     return np.concatenate([[A[run_totals.TIME]], *impulses, [A[run_totals.DRAG_WORK], A[run_totals.DISTANCE]]])
 
 
-def _sphere_velocities(state: State) -> np.ndarray:
-    """Return the velocities of all spheres (n, 3) [m/s], a view; a ball may share its row with its body."""
-    return state.B[:, body.VELOCITY3] if state.S is state.B else state.S[:, sphere.END_VELOCITY3]
+CLUMPS, CONTACTS, SPHERES = "clumps", "contacts", "spheres"
+ALL = (SPHERES, CLUMPS, CONTACTS)
+ALWAYS = ("points", "state", "state_reason")
+"""Arrays of the bodies that are written whatever `output.arrays` says."""
+NEEDED = "quaternion"
+"""Array of the bodies from which spheres are computed, with their positions."""
 
 
-def _corners(state: State) -> np.ndarray | None:
-    """Return the initial corners of the lower plate and, if there is one, of the upper one (8, 3) [m]; None without plates."""
-    if state.world.lower is None:
-        return None
-    (l_x, l_y) = state.world.size
-    corners = np.array([[0.0, 0.0, 0.0], [l_x, 0.0, 0.0], [l_x, l_y, 0.0], [0.0, l_y, 0.0]])
-    return corners if state.world.upper is None else np.concatenate([corners, corners])
+class Selection(NamedTuple):
+    """What of a frame is written, and how; `arrays` None: all arrays of the bodies."""
+
+    blocks: tuple[str, ...] = ALL
+    arrays: tuple[str, ...] | None = None
+    single: bool = False
+    compress: bool = False
+
+    @property
+    def rebuilds(self) -> bool:
+        """Whether spheres are computed where the run is read."""
+        return SPHERES not in self.blocks and (self.arrays is None or NEEDED in self.arrays)
+
+    def storage(self, block: str) -> Storage:
+        """Return how the arrays of a block are stored."""
+        # float32 for the velocities of spheres: their motion follows from the clump's, which is stored in full precision
+        return Storage(self.single or block == SPHERES, self.single, self.compress and block in (CLUMPS, SPHERES))
+
+    def static(self, maker: FrameMaker) -> dict[str, dict[str, np.ndarray]]:
+        """Return the arrays that never change, with the places of the spheres where these are computed on reading."""
+        arrays = maker.static()
+        if not self.rebuilds:
+            return arrays
+        return arrays | {SPHERES: arrays[SPHERES] | {LOCAL_CENTER: maker.state.offsets[maker.spheres]}}
+
+
+EVERYTHING = Selection()
+"""Selection of a scene that names none."""

@@ -1,4 +1,4 @@
-"""Friction coefficient of a run, its error and whether it is stationary: the single source for all outputs."""
+"""Friction coefficient of a run, its error and whether it is stationary; statistics of correlated series."""
 
 import math
 from dataclasses import asdict, dataclass
@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from thirdbody.quantity import GLUE, MINUS, percent, quantity_text, with_error
+from thirdbody.trajectory.drag import Drag
 from thirdbody.trajectory.names import CYCLES
-from thirdbody.trajectory.plate_motion import Drag
-from thirdbody.trajectory.reader import Run
-from thirdbody.trajectory.statistics import MIN_SAMPLES, change_and_error, mean_and_error
+from thirdbody.trajectory.run_arrays import RunArrays
+from thirdbody.units import GLUE, MINUS, percent, quantity_text, with_error
 
 SMALL_CHANGE, SMALL = 0.01, 1e-3
 """A change by less than SMALL_CHANGE of the coefficient, or by less than SMALL, counts as stationary."""
@@ -20,6 +19,12 @@ UNCLEAR = 0.1
 
 FEWEST = 4
 """Least number of values for a linear fit."""
+
+WINDOW = 5.0
+"""Autocorrelations are summed up to the first lag beyond WINDOW times the current autocorrelation time."""
+
+MIN_SAMPLES = 8
+"""Least number of independent values for which an error is reported: with fewer its estimate is unreliable."""
 
 NAN = float("nan")
 
@@ -73,7 +78,10 @@ class Friction:
         if not math.isfinite(self.value):
             return self.verdict
         if not self.cycles:
-            return with_error(self.value, self.error) + self._range()
+            if math.isfinite(self.error):
+                return with_error(self.value, self.error)
+            why = "" if self.stationary is False else "; too few independent values for an error"
+            return with_error(self.value, self.error) + f" ({self.low:z.3f} to {self.high:z.3f}{why})".replace("-", MINUS)
         energy = quantity_text(self.energy_per_cycle, "J").replace(GLUE, " ")
         return f"{with_error(self.value, self.error)} (mean size over the last cycle, {energy} per cycle)"
 
@@ -93,32 +101,19 @@ class Friction:
         """Return value, error and verdict in one line."""
         return f"{self.text}; {self.verdict}" if math.isfinite(self.value) else self.verdict
 
-    def _range(self) -> str:
-        """Return the extremes as text where no error can be given."""
-        if math.isfinite(self.error):
-            return ""
-        why = "" if self.stationary is False else "; too few independent values for an error"
-        return f" ({self.low:z.3f} to {self.high:z.3f}{why})".replace("-", MINUS)
 
-
-def friction_of(run: Run) -> Friction:
+def friction_of(drag: Drag) -> Friction:
     """Return the friction coefficient of a run."""
-    drag, mu = run.drag, run.series.get("friction_coefficient")
+    mu = drag.run.series.get("friction_coefficient")
     if mu is None or not drag.dragged:
         return Friction(verdict="no sliding")
     if not np.isfinite(mu).any():
         return Friction(verdict="unloaded")
-    return _of_strokes(run, drag, mu) if drag.stroke else _of_sliding(drag, mu)
-
-
-def averaged(run: Run) -> np.ndarray:
-    """Return the frames (F,), bool, whose intervals enter the mean of one-way sliding: loaded ones of the second half."""
-    mu = run.series.get("friction_coefficient", np.full(run.frames, NAN))
-    return run.drag.second_half & np.isfinite(mu)
+    return _of_strokes(drag) if drag.stroke else _of_sliding(drag, mu)
 
 
 def _of_sliding(drag: Drag, mu: np.ndarray) -> Friction:
-    values = mu[drag.second_half & np.isfinite(mu)]
+    values = mu[drag.averaged]
     if not len(values):
         return Friction(verdict="unloaded over the second half")
     mean, error = mean_and_error(values)
@@ -127,8 +122,8 @@ def _of_sliding(drag: Drag, mu: np.ndarray) -> Friction:
     return Friction(mean, error, float(values.min()), float(values.max()), change, margin, stationary, verdict)
 
 
-def _of_strokes(run: Run, drag: Drag, mu: np.ndarray) -> Friction:
-    cycles = friction_cycles(run)
+def _of_strokes(drag: Drag) -> Friction:
+    cycles = friction_cycles(drag)
     sizes = cycles["friction_coefficient"]
     if not len(sizes) or not math.isfinite(sizes[-1]):
         return Friction(verdict="unloaded over the last cycle" if len(sizes) else "no whole cycle yet", cycles=len(sizes))
@@ -168,11 +163,15 @@ def _size(change: float, mean: float) -> str:
     return fraction if change >= SMALL * abs(mean) else f"less than {fraction}"
 
 
-def friction_cycles(run: Run) -> dict[str, np.ndarray]:
+def friction_cycles(drag: Drag) -> dict[str, np.ndarray]:
     """Return the whole cycles of a stroke by the names of CYCLES, one value each (n,); n is 0 without a stroke."""
-    drag, frames = run.drag, run.frames
-    mu = run.series.get("friction_coefficient", np.full(frames, NAN))
-    force = _friction_force(run, mu)
+    run = drag.run
+    mu = run.series.get("friction_coefficient", np.full(run.frames, NAN))
+    force = np.full(run.frames, NAN)
+    if "upper_force" in run.series:
+        # The friction force on the plate against its first direction of motion, on a path that is no straight line against its
+        # velocity, mean per interval: the coefficient is that force over the normal one, and an unloaded interval has none.
+        force = np.nan_to_num(mu) * np.abs(force_on_plate(run)[:, 2])
     work = np.diff(run.series["drag_work"], prepend=np.nan) if "drag_work" in run.series else force * drag.steps
     columns: dict[str, list[float]] = {name: [] for name in CYCLES}
     for number, cycle in enumerate(drag.cycles):
@@ -180,33 +179,95 @@ def friction_cycles(run: Run) -> dict[str, np.ndarray]:
         energy = float(np.sum(work[inside]))
         row = [number + 1, run.times[cycle.start], run.times[cycle.stop - 1], energy, _known(np.mean, np.abs(mu[inside]))]
         for values in (mu[inside], force[inside], drag.displacement[cycle]):
-            row += _extremes(values)
+            row += [_known(np.min, values), _known(np.max, values)]
         for name, value in zip(columns, row, strict=True):
             columns[name].append(value)
     return {name: np.array(values, np.int64 if name == "cycle" else float) for name, values in columns.items()}
 
 
-def _friction_force(run: Run, mu: np.ndarray) -> np.ndarray:
-    """Return the friction force (F,) [N] on the upper plate against its first direction of motion, mean per output interval; on a
-    path that is no straight line against its velocity, mean along the path.
-
-    The series holds the coefficient, which is that force over the normal one; an unloaded interval has none.
-    """
-    if "upper_force" not in run.series:
-        return np.full(run.frames, NAN)
-    return np.nan_to_num(mu) * np.abs(force_on_plate(run)[:, 2])
-
-
-def force_on_plate(run: Run) -> np.ndarray:
+def force_on_plate(run: RunArrays) -> np.ndarray:
     """Return the mean force (F, 3) [N] of debris and direct contact on the upper plate in each output interval."""
     return run.series["upper_force"] + run.series.get("direct_force", 0.0)
-
-
-def _extremes(values: np.ndarray) -> tuple[float, float]:
-    return _known(np.min, values), _known(np.max, values)
 
 
 def _known(figure: Any, values: np.ndarray) -> float:
     """Return a figure of the finite values, NaN without any."""
     values = values[np.isfinite(values)]
     return float(figure(values)) if len(values) else NAN
+
+
+def mean_and_error(values: np.ndarray) -> tuple[float, float]:
+    """Return the mean of a stationary series (n,) and the standard error of that mean, in the unit of the series.
+
+    Successive values are correlated, so the error is sqrt(2 tau s^2/n) with the integrated autocorrelation time tau = 1/2 + sum
+    rho(k), summed to a self-consistent window W = 5 tau (Madras and Sokal 1988, J. Stat. Phys. 50, 109, appendix C). The factor 1
+    + (2 W + 1)/n corrects the bias due to the estimated mean (Wolff 2004, Comput. Phys. Commun. 156, 143); anticorrelation is not
+    credited (tau >= 1/2). Non-finite values are ignored. The mean is NaN without values; the error is NaN with fewer than
+    MIN_SAMPLES independent values.
+    """
+    values = values[np.isfinite(values)]
+    n = len(values)
+    if not n:
+        return float("nan"), float("nan")
+    mean = float(values.mean())
+    deviations = values - mean
+    variance = float(deviations @ deviations) / n
+    if n < MIN_SAMPLES:
+        return mean, float("nan")
+    if variance <= (1e-13 * abs(mean)) ** 2:  # constant but for rounding
+        return mean, 0.0
+    tau, window = _autocorrelation_time(deviations, variance)
+    tau *= 1.0 + (2.0 * window + 1.0) / n
+    return mean, float(np.sqrt(2.0 * tau * variance / n)) if n >= 2.0 * tau * MIN_SAMPLES else float("nan")
+
+
+def _autocorrelation_time(deviations: np.ndarray, variance: float) -> tuple[float, int]:
+    """Return the integrated autocorrelation time of deviations from their mean, at least 1/2, and its window [samples]."""
+    n = len(deviations)
+    size = 1 << (2 * n - 1).bit_length()  # zero padding against circular correlation
+    spectrum = np.abs(np.fft.rfft(deviations, size)) ** 2
+    covariance = np.fft.irfft(spectrum, size)[:n] / np.arange(n, 0, -1)
+    times = np.cumsum(covariance / variance) - 0.5
+    beyond = np.flatnonzero(np.arange(n) >= WINDOW * times)
+    window = int(beyond[0]) if len(beyond) else n - 1
+    return max(float(times[window]), 0.5), window
+
+
+def change_and_error(values: np.ndarray) -> tuple[float, float]:
+    """Return the change of a series (n,), n >= 4, over its length by a linear fit, and its half width at 99 %.
+
+    Least squares with Student's t; residuals are correlated, so their number is divided by 2 tau, tau as in `mean_and_error`.
+    Of fewer than MIN_SAMPLES values tau cannot be estimated: they count as independent, as those of cycles nearly are.
+    """
+    from scipy.special import stdtrit
+
+    n = len(values)
+    x = np.linspace(-0.5, 0.5, n)
+    slope = float(x @ values) / float(x @ x)
+    deviations = values - values.mean() - slope * x
+    squares = float(deviations @ deviations)
+    if squares <= n * (1e-13 * float(np.abs(values).max())) ** 2:  # a straight line but for rounding
+        return slope, 0.0
+    tau = 0.5
+    if n >= MIN_SAMPLES:
+        tau, window = _autocorrelation_time(deviations, squares / n)
+        tau *= 1.0 + (2.0 * window + 1.0) / n
+    freedom = max(n / (2.0 * tau) - 2.0, 1.0)
+    error = float(np.sqrt(2.0 * tau * squares / ((n - 2) * float(x @ x))))
+    return slope, float(stdtrit(freedom, 0.995)) * error
+
+
+def running_mean(values: np.ndarray, width: int) -> np.ndarray:
+    """Return the mean (n,) over the `width` values around each one, fewer at the ends; NaN are ignored, NaN without values."""
+    known = np.isfinite(values)
+    sums = np.concatenate([[0.0], np.cumsum(np.where(known, values, 0.0))])
+    counts = np.concatenate([[0], np.cumsum(known)])
+    index = np.arange(len(values))
+    low, high = np.maximum(index - (width - 1) // 2, 0), np.minimum(index + width // 2 + 1, len(values))
+    number = counts[high] - counts[low]
+    return np.divide(sums[high] - sums[low], number, out=np.full(len(values), np.nan), where=number > 0)
+
+
+def averaged(run: Any) -> np.ndarray:
+    """Return `run.drag.averaged`; goes once no file uses it."""
+    return np.asarray(run.drag.averaged)

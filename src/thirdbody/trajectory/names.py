@@ -1,6 +1,24 @@
-"""Names of all series and arrays of a run, each once: unit and meaning. Those of a labeller come from the labeller."""
+"""Names of all that a run holds, each once: unit and meaning of series and arrays, blocks of the file; and a frame of them.
 
-from typing import NamedTuple
+Names of a labeller come from the labeller.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+Arrays = Mapping[str, np.ndarray]
+
+BLOCKS = ("spheres", "clumps", "contacts", "plates")
+REQUIRED_TEXTS = ("scene_text", "state_names", "reason_names", "units")
+STATIC_TEXT, SUMMARY_TEXT = "static_arrays", "summary"
+PROFILE_GROUP = "profiles"
+"""Name of the group of profiles, and of the text with their `bins` and `axis`."""
+
+POSITION = "position"
+"""Name of the coordinates in arrays that are read; VTK calls them `Points`."""
 
 
 class Name(NamedTuple):
@@ -141,6 +159,8 @@ CLUMPS = {
 }
 LOWER_PLATE, UPPER_PLATE = -1, -2
 """Values of `partner` of contacts with a plate."""
+SIDES = ("lower", "upper", "debris")
+"""What a contact touches, by the codes of `side` (`kernels.tables`)."""
 
 CONTACTS = {
     "position": Name("m", "Contact point, (C, 3)."),
@@ -225,3 +245,28 @@ ARRAY_UNITS = {
 } | {"speed": "m/s", "rolled_distance": "m"}  # fmt: skip
 """Units of arrays by name, without those of pure numbers and codes; `speed` is drawn, not stored, and
 `rolled_distance` is written by labellers."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """All arrays written at one time, by name, in SI units.
+
+    `points` of spheres (S, 3) and clumps (B, 3) are centres, of contacts (C, 3) the contact points, of plates (8, 3) the corners
+    of the lower plate, then of the upper one; other arrays have one row per point. C may change and be 0. The names of the arrays
+    are those of the first frame. `series` holds numbers or small vectors, `profiles` arrays with one row per slab, `maps` arrays
+    (2, n_y, n_x) of what lies on the cells of the lower and of the upper plate.
+    """
+
+    time: float
+    spheres: Arrays
+    clumps: Arrays
+    contacts: Arrays
+    plates: Arrays | None = None
+    series: Mapping[str, Any] = field(default_factory=dict)
+    profiles: Arrays = field(default_factory=dict)
+    maps: Arrays = field(default_factory=dict)
+
+    def block(self, name: str) -> Arrays:
+        """Return the arrays of one block; without plates the block has no points."""
+        arrays = getattr(self, name)
+        return {"points": np.empty((0, 3))} if arrays is None else arrays

@@ -16,17 +16,19 @@ Everything is added up slab by slab, over the bodies and over time, and divided 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from thirdbody.engine.state import State
 from thirdbody.kernels.tables import DEBRIS, patch
-from thirdbody.trajectory.slabs import Parts, Slabs, line_parts, sphere_parts
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 AXES = "xyz"
 
 CHUNK = 1 << 20
@@ -35,6 +37,83 @@ CHUNK = 1 << 20
 SPACE, VOLUME, VELOCITY, SPIN, CONTACTS, FORCE, MASS, MOMENTUM, FLUX, STATES = 0, 1, 2, 5, 8, 9, 18, 19, 22, 31
 """First columns of the sums: volume of the slab, of debris in it, and this times the others; contact stress times volume; mass,
 momentum, and its flux; states."""
+
+
+@dataclass(frozen=True)
+class Slabs:
+    """Slabs of equal thickness from `start` to `end` [m]; if `periodic`, the last is followed by the first."""
+
+    start: float
+    end: float
+    count: int
+    periodic: bool = False
+
+    def images(self, position: Array) -> tuple[Array, ...]:
+        """Return positions for every image that can reach the slabs: themselves, or wrapped ones and their neighbours."""
+        if not self.periodic:
+            return (position,)
+        period = self.end - self.start
+        wrapped = self.start + np.mod(position - self.start, period)
+        return wrapped, wrapped - period, wrapped + period
+
+    def touched(self, low: Array, high: Array) -> tuple[Ints, Ints]:
+        """Return every pair of an interval and a slab that it touches: number of the interval `low` to `high` [m], and slab."""
+        thickness = (self.end - self.start) / self.count
+        first, last = (np.clip(np.floor((x - self.start) / thickness), 0, self.count - 1) for x in (low, high))
+        number = np.where((high < self.start) | (low >= self.end), 0, last - first + 1).astype(np.int64)
+        row = np.repeat(np.arange(len(low)), number)
+        before = np.cumsum(number) - number
+        return row, first.astype(np.int64)[row] + np.arange(len(row)) - before[row]
+
+    def planes(self, slab: Ints) -> tuple[Array, Array]:
+        """Return the positions of the planes below and above slabs [m]."""
+        thickness = (self.end - self.start) / self.count
+        below = self.start + slab.astype(np.float64) * thickness
+        return below, below + thickness
+
+
+class Parts(NamedTuple):
+    """Parts of things in slabs: number of the thing, slab, and how much of it lies there."""
+
+    thing: Ints
+    slab: Ints
+    amount: Array
+
+
+def sphere_parts(slabs: Slabs, centres: Array, radii: Array) -> tuple[Parts, Array]:
+    """Return the volumes of spheres in the slabs that they touch [m3], and their first moments about the centres [m4].
+
+    `centres` (n,): positions across the slabs [m]. A sphere of radius R has the cross section pi (R^2 - h^2) at the height h
+    above its centre, so that below h lie the volume pi (R^2 h - h^3/3 + 2 R^3/3) and the moment pi (R^2 h^2/2 - h^4/4 - R^4/4).
+    What lies outside all slabs is left out. In a periodic domain a sphere is thinner than the period.
+    """
+    parts, moments = [], []
+    for centre in slabs.images(centres):
+        row, slab = slabs.touched(centre - radii, centre + radii)
+        R = radii[row]
+        low, high = (np.clip(plane - centre[row], -R, R) for plane in slabs.planes(slab))
+        volume = math.pi * (high - low) * (R**2 - (high**2 + high * low + low**2) / 3.0)
+        parts.append(Parts(row, slab, volume))
+        moments.append(math.pi * (high**2 - low**2) * (R**2 / 2.0 - (high**2 + low**2) / 4.0))
+    return _joined(parts), np.concatenate(moments)
+
+
+def line_parts(slabs: Slabs, starts: Array, changes: Array) -> Parts:
+    """Return the fractions of straight lines in the slabs that they touch.
+
+    `starts` (n,): positions of one end across the slabs [m]; `changes` (n,): to the other end. A line without extent across the
+    slabs lies in one of them.
+    """
+    parts, length = [], np.abs(changes)
+    for begin in slabs.images(np.minimum(starts, starts + changes)):
+        row, slab = slabs.touched(begin, begin + length)
+        low, high = (np.clip(plane - begin[row], 0.0, length[row]) for plane in slabs.planes(slab))
+        parts.append(Parts(row, slab, np.divide(high - low, length[row], out=np.ones(len(row)), where=length[row] > 0.0)))
+    return _joined(parts)
+
+
+def _joined(parts: list[Parts]) -> Parts:
+    return Parts(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +146,9 @@ class Profiler:
         space, volume, area = sums[:, SPACE], sums[:, VOLUME], float(np.prod(state.world.size))
         extent = (*state.world.size, float(space.sum()) / area)[self.axis]
         mean = np.divide(sums, volume[:, None], out=np.full_like(sums, np.nan), where=volume[:, None] > 0.0)
+        mass, momentum = sums[:, MASS, None, None], sums[:, MOMENTUM:FLUX]
+        # flux of momentum by the mean motion of each slab
+        carried = np.divide(momentum[:, :, None] * momentum[:, None, :], mass, out=np.zeros((len(sums), 3, 3)), where=mass > 0.0)
         result = {
             "position": (np.arange(self.bins) + 0.5) * extent / self.bins,
             "solid_fraction": volume / space if not np.any(state.side) else np.full(len(volume), np.nan),
@@ -74,7 +156,7 @@ class Profiler:
             "angular_velocity": mean[:, SPIN:CONTACTS],
             "coordination_number": mean[:, CONTACTS],
             "contact_stress": sums[:, FORCE:MASS] / space[:, None],
-            "kinetic_stress": _kinetic(sums) / space[:, None],
+            "kinetic_stress": (sums[:, FLUX:STATES] - carried.reshape(-1, 9)) / space[:, None],
         }
         return result | {f"fraction_{name}": mean[:, STATES + code] for code, name in enumerate(self.states)}
 
@@ -91,8 +173,10 @@ class Profiler:
         total = np.bincount(body, radii**3, state.n_bodies)
         scale = (state.rayleigh_radius**3 / total)[body]  # so that the spheres of a clump have its volume together
         density = state.bodies.mass / (4.0 / 3.0 * np.pi * state.rayleigh_radius**3)
-        masses, codes = self._mass_columns(state, density), self._codes(state)
-        per_body = np.column_stack([state.bodies.spin, contacts_of(state), *masses, *codes])
+        v = state.bodies.velocity
+        flux = (density[:, None, None] * v[:, :, None] * v[:, None, :]).reshape(len(v), 9)
+        codes = () if self.labels is None else (self.labels()[:, None] == np.arange(len(self.states)),)
+        per_body = np.column_stack([state.bodies.spin, contacts_of(state), density, density[:, None] * v, flux, *codes])
         across = np.zeros(3)
         across[self.axis] = 1.0
         for chunk in chunks(len(radii), self.bins):
@@ -107,16 +191,6 @@ class Profiler:
             add(sums[:, VELOCITY:SPIN], moments, np.cross(spin, across))
             add(sums[:, SPIN:FORCE], parts, per_body[rows, :4])
             add(sums[:, MASS:], parts, per_body[rows, 4:])
-
-    def _mass_columns(self, state: State, density: Array) -> tuple[Array, ...]:
-        """Return density, momentum and its flux per volume of each body: columns MASS, MOMENTUM, FLUX."""
-        v = state.bodies.velocity
-        flux = density[:, None, None] * v[:, :, None] * v[:, None, :]
-        return density, density[:, None] * v, flux.reshape(len(v), 9)
-
-    def _codes(self, state: State) -> tuple[Array, ...]:
-        """Return 1 for each body in each state, (n_bodies, states), if there are labels."""
-        return () if self.labels is None else (self.labels()[:, None] == np.arange(len(self.states)),)
 
     def _add_contacts(self, state: State, slabs: Slabs, sums: Array) -> None:
         """Add what each contact contributes to both of its bodies."""
@@ -141,13 +215,6 @@ def add(sums: Array, parts: Parts, values: Array) -> None:
     for column in range(sums.shape[1]):
         weights = parts.amount * values[:, column][parts.thing]
         sums[:, column] += np.bincount(parts.slab, weights, len(sums))
-
-
-def _kinetic(sums: Array) -> Array:
-    """Return the flux of momentum less that of the mean motion of each slab, (bins, 9) [J]."""
-    mass, momentum = sums[:, MASS, None, None], sums[:, MOMENTUM:FLUX]
-    carried = np.divide(momentum[:, :, None] * momentum[:, None, :], mass, out=np.zeros((len(sums), 3, 3)), where=mass > 0.0)
-    return sums[:, FLUX:STATES] - carried.reshape(-1, 9)
 
 
 def contacts_of(state: State) -> Array:

@@ -6,8 +6,10 @@ Only committed frames are read: the file of a run that was killed, or is still r
 from __future__ import annotations
 
 import operator
+import os
+import tomllib
 import weakref
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self, TypeVar
@@ -17,15 +19,10 @@ import numpy as np
 
 from thirdbody.errors import InputError
 from thirdbody.surfaces.surface import Surface
-from thirdbody.trajectory.block_reader import BlockReader
-from thirdbody.trajectory.named_arrays import Named
-from thirdbody.trajectory.open_file import OpenFile
-from thirdbody.trajectory.plate_maps import refuse_other_plates
-from thirdbody.trajectory.plate_surfaces import read_surfaces
-from thirdbody.trajectory.rebuilt_spheres import RebuiltSpheres
-from thirdbody.trajectory.schema import BLOCKS, POSITION, PROFILES, SUMMARY_TEXT
-from thirdbody.trajectory.texts import read_text, refuse_false_texts
-from thirdbody.trajectory.validate import damage_as_fault, refuse_unsound
+from thirdbody.trajectory.names import BLOCKS, POSITION, PROFILE_GROUP, SUMMARY_TEXT
+from thirdbody.trajectory.open_file import FILE_NAME, OpenFile, damage_as_fault, read_text, refuse_false_texts, refuse_unsound
+from thirdbody.trajectory.plates import PLATES, map_units, read_maps, read_surfaces, refuse_other_plates
+from thirdbody.trajectory.read_blocks import BlockReader, Named, RebuiltSpheres
 
 Result = TypeVar("Result")
 
@@ -34,7 +31,7 @@ class RunArrays:
     """The arrays of a run, read from its file on demand; a context manager. SI units."""
 
     def __init__(self, path: str | Path):
-        self.path = Path(path)
+        self.path = Path(path) / FILE_NAME if os.path.isdir(path) else Path(path)
         self._open = OpenFile(self.path)
         # at the latest at exit: later HDF5 would use the stream of an interpreter that is gone, a segmentation fault
         weakref.finalize(self, self._open.close)
@@ -77,12 +74,7 @@ class RunArrays:
 
     def _steady(self, where: str, read: Callable[[], Result]) -> Result:
         """Return the result of `read`; report damage with its place, and read a file again while it is being written."""
-
-        def checked() -> Result:
-            with damage_as_fault(self.path, where):
-                return read()
-
-        return self.steady(checked)
+        return self.steady(damage_as_fault(self.path, where)(read))
 
     def _text(self, name: str) -> Any:
         with damage_as_fault(self.path, f"/scene/{name}"):
@@ -129,7 +121,6 @@ class RunArrays:
         return self._steady("", lambda: self._blocks["clumps"].history(name, self.frames))
 
     def _names(self, block: str) -> list[str]:
-        """Return the names of the arrays of a block."""
         return self._steady("", lambda: self._blocks[block].names)
 
     @cached_property
@@ -147,21 +138,18 @@ class RunArrays:
         each slab (F, bins) [m], `velocity` (F, bins, 3) [m/s], `solid_fraction`, `contact_stress` and `kinetic_stress`
         (F, bins, 3, 3) [Pa], and more; `trajectory.profiles` defines them, `thirdbody keys profiles` lists all names.
         """
-        group, bins = self._profiles_group, self.header.get(PROFILES, {}).get("bins", 0)
-        read = self._steady("the profiles", lambda: {name: group[name][: self.frames * bins] for name in group})
+        bins = self.header.get(PROFILE_GROUP, {}).get("bins", 0)
+        rows = slice(0, self.frames * bins)
+        read = self._steady("the profiles", lambda: {name: v[rows] for name, v in self.file.get(PROFILE_GROUP, {}).items()})
         tails = {name: (3, 3) if values.shape[1:] == (9,) else values.shape[1:] for name, values in read.items()}
         return Named((name, values.reshape(self.frames, bins, *tails[name])) for name, values in read.items())
-
-    @property
-    def _profiles_group(self) -> Mapping[str, h5py.Dataset]:
-        return self.file.get(PROFILES, {})
 
     @cached_property
     def units(self) -> dict[str, str]:
         """Unit of each series and profile, `1` for a pure number."""
-        groups = {PROFILES: self._profiles_group, "series": self._series_group}
+        groups = (PROFILE_GROUP, "series")
         return self._steady(
-            "the units", lambda: Named((name, str(group[name].attrs["units"])) for group in groups.values() for name in group)
+            "the units", lambda: Named((n, str(v.attrs["units"])) for g in groups for n, v in self.file.get(g, {}).items())
         )
 
     @cached_property
@@ -172,18 +160,22 @@ class RunArrays:
     @cached_property
     def population_names(self) -> list[str]:
         """Names of the populations, indexed by the bodies' array `population`."""
-        from thirdbody.trajectory.state_groups import names_from_scene
-
-        names = self.header.get("populations")
-        return names_from_scene(self.scene_text) if names is None else list(names)
+        if "populations" in self.header:
+            return list(self.header["populations"])
+        try:  # of earlier versions: material and kind, numbered where they repeat
+            tables = tomllib.loads(self.scene_text).get("debris", [])
+            plain = [f"{table['material']} ({table.get('kind', 'irregular')})" for table in tables]
+        except (tomllib.TOMLDecodeError, KeyError, TypeError, AttributeError):
+            return []
+        before = [plain[:k].count(name) for k, name in enumerate(plain)]
+        return [f"{name} {count + 1}" if count else name for name, count in zip(plain, before, strict=True)]
 
     def bodies(self, frame: int = -1) -> dict[str, np.ndarray]:
         """Return the arrays of the bodies (clumps) in one frame.
 
         Parameters
         ----------
-        frame : int
-            Number of the frame; negative ones count from the end.
+        frame : int, negative ones count from the end
 
         Returns
         -------
@@ -191,10 +183,6 @@ class RunArrays:
             One row per body: `position` (B, 3) [m], `quaternion` (B, 4) (w, x, y, z), `velocity` (B, 3) [m/s], `state` (B,),
             `friction_work` (B,) [J] and more; all names and units: `thirdbody keys bodies`.
 
-        Raises
-        ------
-        IndexError
-            There is no such frame.
         """
         return self.block("clumps", frame)
 
@@ -203,8 +191,7 @@ class RunArrays:
 
         Parameters
         ----------
-        frame : int
-            Number of the frame; negative ones count from the end.
+        frame : int, negative ones count from the end
 
         Returns
         -------
@@ -218,8 +205,7 @@ class RunArrays:
 
         Parameters
         ----------
-        frame : int
-            Number of the frame; negative ones count from the end.
+        frame : int, negative ones count from the end
 
         Returns
         -------
@@ -240,8 +226,7 @@ class RunArrays:
 
         Parameters
         ----------
-        frame : int
-            Number of the frame; negative ones count from the end.
+        frame : int, negative ones count from the end
 
         Returns
         -------
@@ -249,6 +234,11 @@ class RunArrays:
             `position` (8, 3) [m]: lower four, upper four; (4, 3) without an upper plate, (0, 3) without plates.
         """
         return self.block("plates", frame)
+
+    @cached_property
+    def scene_bodies(self) -> int:
+        """Number of bodies of the scene: more than the file holds where `output.sample` restricts it."""
+        return int(self.header.get("scene_bodies", self.rows("clumps", 0) if self.frames else 0))
 
     @cached_property
     def surfaces(self) -> dict[str, Surface]:
@@ -260,19 +250,13 @@ class RunArrays:
 
         Parameters
         ----------
-        plate : str
-            `lower` or `upper`.
+        plate : {lower, upper}
 
         Returns
         -------
         Surface or None
             `heights` (n_y, n_x) [m] over its mean plane, towards the debris, `spacing` along x and y [m], `coefficients` of the
             spline; None for a flat plate.
-
-        Raises
-        ------
-        ValueError
-            There is no such plate.
         """
         refuse_other_plates(plate)
         return self.surfaces.get(plate)
@@ -282,33 +266,55 @@ class RunArrays:
 
         Parameters
         ----------
-        plate : str
-            `lower` or `upper`.
-        frame : int
-            Number of the frame; negative ones count from the end.
+        plate : {lower, upper}
+        frame : int, negative ones count from the end
 
         Returns
         -------
-        ndarray (3,)
-            Displacement along x and y, and height of the mean plane [m].
+        ndarray (3,), displacement along x and y, and height of the mean plane [m]
         """
-        corners = self.plates(frame)[POSITION]
-        return np.array(corners[4 if plate == "upper" else 0])
+        return np.array(self.plates(frame)[POSITION][4 if plate == "upper" else 0])
+
+    @cached_property
+    def map_units(self) -> dict[str, str]:
+        """Unit of each map of the plates, by name; none without `measures.cell`."""
+        return self._steady("the maps", lambda: map_units(self.file))
+
+    def maps(self, plate: str, frame: int = -1) -> dict[str, np.ndarray]:
+        """Return what measures have left on a plate since the start of the run.
+
+        Parameters
+        ----------
+        plate : {lower, upper}
+        frame : int, negative ones count from the end
+
+        Returns
+        -------
+        dict of str to ndarray
+            Maps by name, each (n_y, n_x): the cell [j, i] begins at i L_x/n_x, j L_y/n_y of the plate's own coordinates, in which
+            the plate was at the start. Units are in `map_units`; empty without `measures.cell`.
+
+        Raises
+        ------
+        ValueError, IndexError
+            There is no such plate, or no such frame.
+        """
+        refuse_other_plates(plate)
+        number = self.frame_number(frame)
+        both = self._steady("the maps", lambda: read_maps(self.file, number))
+        return {name: values[PLATES.index(plate)] for name, values in both.items()}
 
     def block(self, name: str, frame: int = -1) -> dict[str, np.ndarray]:
         """Return all arrays of one block of the file.
 
         Parameters
         ----------
-        name : str
-            `spheres`, `clumps` (the bodies), `contacts` or `plates`.
-        frame : int
-            Number of the frame; negative ones count from the end.
+        name : {spheres, clumps, contacts, plates}, the bodies are `clumps`
+        frame : int, negative ones count from the end
 
         Returns
         -------
-        dict of str to ndarray
-            One row per thing of the block.
+        dict of str to ndarray, one row per thing of the block
         """
         number = self.frame_number(frame)
         return self.steady(lambda: self._blocks[name].read(number))
@@ -320,18 +326,12 @@ class RunArrays:
         ----------
         block, name : str
             Names of the block and of the array.
-        frame : int
-            Number of the frame; negative ones count from the end.
+        frame : int, negative ones count from the end
 
         Returns
         -------
-        ndarray
-            One row per thing of the block.
+        ndarray, one row per thing of the block
 
-        Raises
-        ------
-        KeyError
-            The block has no such array.
         """
         number = self.frame_number(frame)
         return self.steady(lambda: self._blocks[block].array(name, number))
@@ -341,15 +341,12 @@ class RunArrays:
 
         Parameters
         ----------
-        block : str
-            `spheres`, `clumps` (the bodies), `contacts` or `plates`.
-        frame : int
-            Number of the frame; negative ones count from the end.
+        block : {spheres, clumps, contacts, plates}, the bodies are `clumps`
+        frame : int, negative ones count from the end
 
         Returns
         -------
         int
-            Number of bodies, contacts, ...
         """
         number = self.frame_number(frame)
         return self.steady(lambda: self._blocks[block].rows(number))
@@ -359,20 +356,16 @@ class RunArrays:
 
         Parameters
         ----------
-        frame : int
-            Number of the frame; negative ones count from the end.
+        frame : int, negative ones count from the end
 
         Returns
         -------
-        int
-            0 to F - 1.
+        int, 0 to F - 1
 
         Raises
         ------
-        IndexError
-            There is no such frame.
-        TypeError
-            The number is not whole.
+        IndexError, TypeError
+            There is no such frame; the number is not whole.
         """
         try:
             frame = operator.index(frame)
@@ -386,6 +379,14 @@ class RunArrays:
     def close(self) -> None:
         """Close the file; may be called twice."""
         self._open.close()
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return self.frames
+
+    def __bool__(self) -> bool:
+        """Return True, also for a run without frames."""
+        return True
 
     def __enter__(self) -> Self:
         return self

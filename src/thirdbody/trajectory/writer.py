@@ -4,8 +4,8 @@
     /scene    texts: the resolved scene, versions, names of states and reasons, units, domain, summary
     /series   one dataset per series, first axis the frame, with an attribute `units`
     /profiles one dataset per profile, the slabs of every frame after those of the last one, likewise; only if there are profiles
-    /maps     one dataset per map of the plates, likewise (`plate_maps`); only if measures map
-    /surfaces heights of the plates that are rough, once (`plate_surfaces`)
+    /maps     one dataset per map of the plates, likewise; only if measures map
+    /surfaces heights of the plates that are rough, once
 
 Requirements of VTK's reader, each established from a file that it read as empty: `Type` is fixed-length ASCII; the assembly holds
 soft links in tracked order; all four cell groups exist; arrays are plain numbers. Connectivity is 0, 1, 2, ... for every frame,
@@ -28,6 +28,7 @@ import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -37,12 +38,12 @@ import numpy as np
 
 from thirdbody.errors import InputError, OutputError
 from thirdbody.surfaces.surface import Surface
-from thirdbody.trajectory.crash_safe_file import PAGE, Sink
-from thirdbody.trajectory.output_selection import EVERYTHING, Selection
-from thirdbody.trajectory.plate_maps import MapsWriter
-from thirdbody.trajectory.plate_surfaces import write_surfaces
-from thirdbody.trajectory.polydata_block import VERSION, Block, Column, growing
-from thirdbody.trajectory.schema import BLOCKS, PROFILES, REQUIRED_TEXTS, STATIC_TEXT, SUMMARY_TEXT, Arrays, Frame
+from thirdbody.trajectory.blocks import PAGE, VERSION, Block, Column, Sink, growing
+from thirdbody.trajectory.frame import EVERYTHING, Selection
+from thirdbody.trajectory.names import BLOCKS, POSITION, PROFILE_GROUP, REQUIRED_TEXTS, STATIC_TEXT, SUMMARY_TEXT, Arrays, Frame
+from thirdbody.trajectory.open_file import damage_as_fault
+from thirdbody.trajectory.plates import MAPS, read_maps, write_surfaces
+from thirdbody.trajectory.run_arrays import RunArrays
 
 # The lowest format that has the indices of growing data sets; `latest` leaves an open flag when a run is killed, and such a file
 # does not open.
@@ -75,11 +76,23 @@ class TrajectoryWriter:
             raise ValueError(f"header lacks {', '.join(missing)}")
         self.path = Path(path)
         self._named, self._before = copy_of or (self.path, 0)
-        self._selection = selection
+        self._units: Mapping[str, str] = header["units"]
+        self.frames = 0
+        rows = {name: len(next(iter(arrays.values()))) for name, arrays in static.items() if arrays}
+        bodies = rows.get("clumps", 1)
+        ahead = {"spheres": rows.get("spheres", 1), "clumps": bodies, "contacts": 4 * bodies, "plates": 8}
         with self._write_errors():
-            rows = {name: len(next(iter(arrays.values()))) for name, arrays in static.items() if arrays}
-            self._open("w", rows)
-            root = self._file["VTKHDF"]
+            # a new file of that name, not the old one truncated: processes that read the old one keep it
+            self.path.unlink(missing_ok=True)
+            self._sink = Sink(self.path)
+            # No chunk cache: it would write every chunk whole at every flush (23 -> 10 ms per frame of 8 MB).
+            self._file = h5py.File(self._sink, "w", libver=FORMAT, rdcc_nbytes=0, fs_strategy="page", fs_page_size=PAGE)
+            root = self._file.create_group("VTKHDF", track_order=True)
+            for name in BLOCKS:  # before anything else, so that they lie in one page
+                root.create_group(f"{name}/Steps").attrs["NSteps"] = np.int64(0)
+            self._blocks = {name: Block(root[name], name, ahead[name], selection.storage(name)) for name in BLOCKS}
+            self._scene, series = self._file.create_group("scene"), self._file.create_group("series")
+            self._columns: dict[str, dict[str, Column]] = {"series": {}, PROFILE_GROUP: {}, MAPS: {}}
             root.attrs["Version"] = np.array(VERSION, np.int64)
             root.attrs.create("Type", np.bytes_(b"MultiBlockDataSet"))
             assembly = root.create_group("Assembly", track_order=True)
@@ -91,9 +104,8 @@ class TrajectoryWriter:
                 _write_text(self._scene, name, value)
             write_surfaces(self._file, surfaces)
             _write_text(self._scene, STATIC_TEXT, {name: list(arrays) for name, arrays in static.items()})
-            self._series_group.attrs["NSteps"] = np.int64(0)
+            series.attrs["NSteps"] = np.int64(0)
             self._flush()
-        self._units: Mapping[str, str] = header["units"]
 
     @classmethod
     def resume(
@@ -107,61 +119,27 @@ class TrajectoryWriter:
         a finished run is dropped. `between` is called before every frame that is copied; if it raises, the file stays unchanged.
         Raises InputError when the file is not a run or has fewer frames.
         """
-        from thirdbody.trajectory.reader import open_run
-        from thirdbody.trajectory.stored_frames import static_arrays, stored_frame
-
-        path = Path(path)
+        path, writer = Path(path), None
         copy = path.with_name(path.name + ".part")
-        writer = cls.__new__(cls)
-        writer.path = writer._named = path
-        writer._before, writer._selection = frames, selection
         try:
-            with open_run(path) as old:
+            with RunArrays(path) as old:
                 if frames > old.frames:
                     raise InputError(f"{path}: has {old.frames} frames, cannot go on after frame {frames}")
-                with cls(copy, header or old.header, static_arrays(old), (path, old.frames), old.surfaces, selection) as new:
-                    for number in range(frames):
-                        between()
-                        new.append(stored_frame(old, number))
-                    new.sync()  # the checkpoint on the disk refers to these frames
+                writer = cls(copy, header or old.header, static_arrays(old), (path, old.frames), old.surfaces, selection)
+                for number in range(frames):
+                    between()
+                    writer.append(_stored_frame(old, number))
+                writer.sync()  # the checkpoint on the disk refers to these frames
             with writer._write_errors():
                 os.replace(copy, path)
         except BaseException:
+            if writer is not None:
+                writer.close()
             with suppress(OSError):  # a read-only folder refuses that too
                 copy.unlink(missing_ok=True)
             raise
-        with writer._write_errors():
-            writer._open("r+", {})
-            static = json.loads(writer._scene[STATIC_TEXT][()])
-            for name, block in writer._blocks.items():
-                block.restrict_static(static.get(name, ()))
-            writer._units = json.loads(writer._scene["units"][()])
+        writer.path, writer._named, writer._before = path, path, frames
         return writer
-
-    def _open(self, mode: str, rows: Mapping[str, int]) -> None:
-        if mode == "w":  # a new file of that name, not the old one truncated: processes that read the old one keep it
-            self.path.unlink(missing_ok=True)
-        # No chunk cache: it would write every chunk whole at every flush (23 -> 10 ms per frame of 8 MB).
-        self._sink = Sink(self.path, "w+" if mode == "w" else mode)
-        pages = {"fs_strategy": "page", "fs_page_size": PAGE} if mode == "w" else {}
-        self._file = h5py.File(self._sink, mode, libver=FORMAT, rdcc_nbytes=0, **pages)
-        if mode == "w":
-            self._file.create_group("VTKHDF", track_order=True)
-            for name in BLOCKS:  # before anything else, so that they lie in one page
-                self._file["VTKHDF"].create_group(f"{name}/Steps").attrs["NSteps"] = np.int64(0)
-        root = self._file["VTKHDF"]
-        bodies = rows.get("clumps", 1)
-        ahead = {"spheres": rows.get("spheres", 1), "clumps": bodies, "contacts": 4 * bodies, "plates": 8}
-        self._blocks = {}
-        for name in BLOCKS:
-            kind, per_cell = ("Polygons", 4) if name == "plates" else ("Vertices", 1)
-            self._blocks[name] = Block(root.require_group(name), kind, per_cell, ahead[name], self._selection.storage(name))
-        self._scene = self._file.require_group("scene")
-        self._series_group = self._file.require_group("series")
-        self.frames = int(self._series_group.attrs.get("NSteps", 0))
-        self._series = {name: Column(self._series_group[name]) for name in self._series_group}
-        self._profiles = {name: Column(values) for name, values in self._file.get(PROFILES, {}).items()}
-        self._maps = MapsWriter(self._file)
 
     def append(self, frame: Frame) -> None:
         """Write and commit one frame.
@@ -169,12 +147,10 @@ class TrajectoryWriter:
         Raises OutputError when the disk is full, ValueError or TypeError when the arrays do not fit the file.
         """
         arrays = {name: block.plain(frame.block(name)) for name, block in self._blocks.items()}
-        if self.frames and set(frame.series) != set(self._series):
-            raise ValueError(f"series {sorted(frame.series)} differ from those of the first frame")
-        if self.frames and set(frame.profiles) != set(self._profiles):
-            raise ValueError(f"profiles {sorted(frame.profiles)} differ from those of the first frame")
-        if self.frames and set(frame.maps) != self._maps.names:
-            raise ValueError(f"maps {sorted(frame.maps)} differ from those of the first frame")
+        groups = {"series": frame.series, PROFILE_GROUP: frame.profiles, MAPS: frame.maps}
+        for group, values in groups.items():
+            if self.frames and set(values) != set(self._columns[group]):
+                raise ValueError(f"{group} {sorted(values)} differ from those of the first frame")
         nbytes = sum(array.nbytes for block in (*arrays.values(), frame.maps) for array in block.values())
         self._require_space(nbytes)
         with self._write_errors():
@@ -183,27 +159,23 @@ class TrajectoryWriter:
             self._sink.check()
             for name, block in self._blocks.items():
                 block.append(arrays[name])
-            self._append_series(frame.series)
-            self._append_profiles(frame.profiles)
-            self._maps.append(frame.maps, self._units)
+            for group, values in groups.items():
+                for name, value in values.items():
+                    self._append(group, name, np.asarray(value, np.float64))
             self._flush()
             self._commit(frame.time)
 
-    def _append_series(self, series: Mapping[str, Any]) -> None:
-        for name, value in series.items():
-            row = np.asarray(value, np.float64)
-            if name not in self._series:
-                self._series[name] = growing(self._series_group, name, row.shape, np.float64)
-                self._series_group[name].attrs["units"] = self._units.get(name, "1")
-            self._series[name].add(row)
-
-    def _append_profiles(self, profiles: Arrays) -> None:
-        for name, values in profiles.items():
-            if name not in self._profiles:
-                group = self._file.require_group(PROFILES)
-                self._profiles[name] = growing(group, name, values.shape[1:], np.float64, len(values))
-                group[name].attrs["units"] = self._units.get(name, "1")
-            self._profiles[name].extend(np.asarray(values, np.float64))
+    def _append(self, group: str, name: str, values: np.ndarray) -> None:
+        """Append the values of a frame to a series, a profile or a map."""
+        rows = values[None] if group == "series" else values.reshape(-1, values.shape[-1]) if group == MAPS else values
+        columns = self._columns[group]
+        if name not in columns:
+            parent = self._file.require_group(group)
+            columns[name] = growing(parent, name, rows.shape[1:], np.float64, 256 if group == "series" else len(rows))
+            parent[name].attrs["units"] = self._units.get(name, "1")
+            if group == MAPS:
+                parent[name].attrs["rows"] = np.int64(len(rows))
+        columns[name].extend(rows)
 
     def _commit(self, time: float) -> None:
         frames = self.frames + 1
@@ -212,7 +184,7 @@ class TrajectoryWriter:
         self._flush()
         for block in self._blocks.values():
             block.add_time(time)
-        self._series_group.attrs.modify("NSteps", np.int64(frames))
+        self._file["series"].attrs.modify("NSteps", np.int64(frames))
         self._flush()
         self.frames = frames
 
@@ -276,7 +248,7 @@ class TrajectoryWriter:
 
 def _write_text(group: h5py.Group, name: str, value: Any) -> None:
     """Store a text as it is, anything else as JSON, in a data set (attributes are limited to 64 KiB)."""
-    text = value if isinstance(value, str) else json.dumps(value, default=_number_or_list)
+    text = value if isinstance(value, str) else json.dumps(value, default=lambda other: np.asarray(other).tolist())
     data = text.encode("utf-8")
     if name in group:
         del group[name]
@@ -284,5 +256,22 @@ def _write_text(group: h5py.Group, name: str, value: Any) -> None:
     dataset.attrs["json"] = np.uint8(not isinstance(value, str))
 
 
-def _number_or_list(value: Any) -> Any:
-    return np.asarray(value).tolist()
+def static_arrays(run: RunArrays) -> dict[str, dict[str, np.ndarray]]:
+    """Return, per block, the arrays that hold for all frames."""
+    names: Mapping[str, list[str]] = run.header[STATIC_TEXT]
+    data = {block: run.file["VTKHDF"][block]["PointData"] for block in names}
+    return {block: {name: data[block][name][()] for name in names[block]} for block in names}
+
+
+def _stored_frame(run: RunArrays, number: int) -> Frame:
+    """Return a frame as the file holds it."""
+    blocks = {}
+    for name in BLOCKS:
+        arrays = run.steady(partial(run.stored[name].read, number, run.header[STATIC_TEXT].get(name, ())))
+        blocks[name] = {("points" if k == POSITION else k): v for k, v in arrays.items()}
+    series = {name: values[number] for name, values in run.series.items()}
+    profiles = {name: values[number] for name, values in run.profiles.items()}
+    profiles = {name: values.reshape(len(values), 9) if values.ndim == 3 else values for name, values in profiles.items()}
+    with damage_as_fault(run.path, "the maps"):
+        maps = run.steady(lambda: read_maps(run.file, number))
+    return Frame(time=float(run.times[number]), series=series, profiles=profiles, maps=maps, **blocks)

@@ -12,35 +12,19 @@ end of the step are no longer needed. `Context.force_rows`: the row of a body th
 import numpy as np
 from numba import njit
 
+from thirdbody.jit import simd
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.jit.simd import (
-    LANES,
-    LINE,
-    all_below,
-    broadcast,
-    cross,
-    extract,
-    get,
-    less_mask,
-    load,
-    put,
-    select_greater,
-    store,
-    transpose,
-    with_last,
-)
+from thirdbody.jit.simd import LANES, broadcast, cross, extract, get, load, put, store, transpose, with_last
 from thirdbody.kernels import close_spots, contact_geometry, plates, rolling_kinematics
 from thirdbody.kernels.arguments import Tile
 from thirdbody.kernels.bodies import WITH_PLATE, arm_to_sphere, is_aliased
 from thirdbody.kernels.books import add_normal_losses, book, book_dashpots, book_opened, book_opened_dashpots, separation_rate
-from thirdbody.kernels.contact_geometry import SPARE
-from thirdbody.kernels.explicit.tables import body_force, contact_sums
+from thirdbody.kernels.contact_geometry import SPARE, compact_active, compact_rough, pair_overlaps, plate_overlaps
 from thirdbody.kernels.measures import measure_opened, measure_tile
 from thirdbody.kernels.memory import reset_history, store_history
 from thirdbody.kernels.minima import update_surfaces
-from thirdbody.kernels.narrow_phase import compact_active, compact_rough, pair_overlaps, plate_overlaps
 from thirdbody.kernels.plates import is_lower, is_plate, is_sphere, partner_velocity, surface_velocity
-from thirdbody.kernels.spot_loads import solve_bodies
+from thirdbody.kernels.step_tables import body_force, contact_sums
 from thirdbody.kernels.tables import body_extra, record, remote_force, sphere
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output, rolling_input, rolling_output
 from thirdbody.kernels.vectors import box_of
@@ -62,7 +46,7 @@ def scratch_sizes(n_history, longest, interaction=False):
     Whole cache lines: loading a vector of eight that straddles two lines costs twice the time.
     """
     fields = law_input.HISTORY + law_output.HISTORY + 2 * n_history + rolling_input.WIDTH + rolling_output.WIDTH + geometry.WIDTH
-    whole = longest + -longest % LINE
+    whole = longest + -longest % simd.LINE
     return fields * TILE + (close_spots.scratch_of(whole) if interaction else whole), 2 * (longest + SPARE)
 
 
@@ -87,10 +71,8 @@ def scatter_plate_force(k, c, context, force, torque):
 
 @njit(**BARE)
 def scatter_pair_force(k, shift, context, force, torque, back):
-    """Apply a contact between spheres to both bodies; the force on a body of another group goes to F.
-
-    `torque`, `back`: about the centres of owner and partner [N m].
-    """
+    """Apply a contact between spheres to both bodies; the force on a body of another group goes to F. `torque`, `back`: about the
+    centres of owner and partner [N m]."""
     i, j, S, B, F = np.uint64(context.own[k]), np.uint64(context.partner[k]), context.S, context.B, context.F
     against = with_last(broadcast(0.0) - force, force)
     b, p = i, j
@@ -147,11 +129,8 @@ def scatter_pair_tile(n, c, slots, context, tile):
 
 @njit(**BARE)
 def reduce_tile(m, slots, tile, sums_of_tile):
-    """Add a tile of m contacts, slots[:m], to the reductions of a group.
-
-    These are the dissipation of friction and of dashpots, in four lanes; the largest overlap over the smaller radius, with its
-    candidate; the last candidate whose force is not finite (+ 1; 0: none).
-    """
+    """Add a tile of m contacts, slots[:m], to the reductions of a group: dissipation of friction and of dashpots, in four lanes;
+    largest overlap over the smaller radius, with its candidate; last candidate whose force is not finite (+ 1; 0: none)."""
     I, O, G = tile.inputs, tile.outputs, tile.geometry  # noqa: E741
     work, damped, max_overlap, slot, bad = sums_of_tile
     for q in range(m, m + -m % LANES):  # the padding must not affect the reductions
@@ -161,8 +140,8 @@ def reduce_tile(m, slots, tile, sums_of_tile):
         end = min(q + LANES, m)
         work, damped = work + get(O, q + law_output.DISSIPATED * TILE), damped + get(O, q + law_output.DASHPOT_POWER * TILE)
         r_i, r_j = get(G, q + geometry.RADIUS * TILE), get(G, q + geometry.PARTNER_RADIUS * TILE)
-        limit = broadcast(max_overlap) * select_greater(r_i, r_j, r_j, r_i)
-        if less_mask(limit, get(I, q + law_input.OVERLAP * TILE)) != 0:  # few are the deepest
+        limit = broadcast(max_overlap) * simd.select_greater(r_i, r_j, r_j, r_i)
+        if simd.less_mask(limit, get(I, q + law_input.OVERLAP * TILE)) != 0:  # few are the deepest
             for e in range(q, end):
                 radius = min(G[e + geometry.RADIUS * TILE], G[e + geometry.PARTNER_RADIUS * TILE])
                 ratio = I[e + law_input.OVERLAP * TILE] / radius
@@ -170,17 +149,12 @@ def reduce_tile(m, slots, tile, sums_of_tile):
         x = get(G, q + geometry.FORCE * TILE)
         y = get(G, q + (geometry.FORCE + 1) * TILE)
         z = get(G, q + (geometry.FORCE + 2) * TILE)
-        if not all_below(x * x + y * y + z * z, LARGEST):
+        if not simd.all_below(x * x + y * y + z * z, LARGEST):
             for e in range(q, end):
                 f_x, f_y = G[e + geometry.FORCE * TILE], G[e + (geometry.FORCE + 1) * TILE]
                 f_z = G[e + (geometry.FORCE + 2) * TILE]
                 bad = bad if f_x * f_x + f_y * f_y + f_z * f_z < LARGEST else np.int64(slots[e]) + 1
     return work, damped, max_overlap, slot, bad
-
-
-@njit(**BARE)
-def sum_of_lanes(v):
-    return (extract(v, 0) + extract(v, 1)) + (extract(v, 2) + extract(v, 3))
 
 
 @njit(**BARE_CHUNK)
@@ -237,10 +211,7 @@ def gather_tile(n, slots, flat, context, motion, box, tile):
 
 @njit(**BARE)
 def end_contacts(o, c, opened, flat, context, step, box, tile):
-    """End the contacts opened[:o], of row c of the sums; return what friction and dashpots dissipated in them [J].
-
-    The former is in the tile if `books` books it, else in the history (`memory.spring_energy`).
-    """
+    """End the contacts opened[:o], of row c of the sums; return what friction and dashpots dissipated in them [J]."""
     partner, body_of, outer, forces = context.partner, context.body, context.outer, context.forces
     shift, friction, damped = np.int64(context.force_rows[c >> 1]), 0.0, 0.0
     for e in range(o, o + SPARE - 1 if o > 0 else o):
@@ -291,13 +262,13 @@ def evaluate_laws(n, slots, flat, context, step, law, box, tile):
         book_dashpots(n, step.dt, context, tile)
     contact_geometry.force_and_torques(n, tile)
     if interacting:
-        close_spots.add_pull(n, tile)
+        for q in range(n):
+            tile.geometry[q + geometry.FORCE * TILE] += tile.geometry[q + geometry.PULL * TILE]
+            tile.geometry[q + (geometry.FORCE + 1) * TILE] += tile.geometry[q + (geometry.PULL + 1) * TILE]
     if flat and plates.is_rough(context):
         contact_geometry.add_gradient_force(n, slots, context, tile)
     if rolling_kinematics.has_moments(context):
-        rolling_kinematics.add_moments(n, context.n_history, tile)
-    if rolling_kinematics.has_twist(context):
-        rolling_kinematics.add_twist_moments(n, context.n_history, tile)
+        rolling_kinematics.add_moments(n, context, tile)
 
 
 @njit(**BARE)
@@ -323,10 +294,8 @@ def apply_tile(n, c, slots, flat, context, step, tile):
 
 @njit(**BARE_CHUNK)
 def contact_forces(group, side, part, context, step, law):
-    """Apply the candidates of a group, with plates (`side` WITH_PLATE) or between spheres, to their bodies, in tiles.
-
-    Sums go to row 2 `group` + `side`. `part`: row of the scratch tables.
-    """
+    """Apply the candidates of a group, with plates (`side` WITH_PLATE) or between spheres, to their bodies, in tiles. Sums go to
+    row 2 `group` + `side`. `part`: row of the scratch tables."""
     c, flat, box, cuts, sums = 2 * group + side, side == WITH_PLATE, box_of(context.D), context.cuts, context.sums
     first, last = cuts[side, group * GROUP], cuts[side, min((group + 1) * GROUP, cuts.shape[1] - 1)]
     numbers, marks = context.scratch[part], context.marks[part]
@@ -350,7 +319,7 @@ def contact_forces(group, side, part, context, step, law):
     lost, damped = end_contacts(o, c, opened, flat, context, step, box, tile)
     spots, sums_of_tile = close_spots.spots_in(gaps), (broadcast(0.0), broadcast(0.0), 0.0, np.int64(0), np.int64(0))
     if flat and close_spots.interact(context):
-        solve_bodies(m, slots, context, spots)
+        close_spots.solve_bodies(m, slots, context, spots)
     for t in range(0, m, TILE):
         count, here = min(TILE, m - t), slots[t:]
         filled = contact_geometry.padded(count, context.n_history)  # with the last contact
@@ -360,5 +329,6 @@ def contact_forces(group, side, part, context, step, law):
         sums_of_tile = reduce_tile(count, here, tile, sums_of_tile)
         apply_tile(count, c, here, flat, context, step, tile)
     work, dissipated, sums[c, contact_sums.MAX_OVERLAP], sums[c, contact_sums.SLOT], sums[c, contact_sums.BAD_SLOT] = sums_of_tile
-    sums[c, contact_sums.FRICTION_WORK] = lost + sum_of_lanes(work)
-    sums[c, contact_sums.DAMPING_WORK] = damped + sum_of_lanes(dissipated)
+    sums[c, contact_sums.FRICTION_WORK] = lost + ((extract(work, 0) + extract(work, 1)) + (extract(work, 2) + extract(work, 3)))
+    work = dissipated
+    sums[c, contact_sums.DAMPING_WORK] = damped + ((extract(work, 0) + extract(work, 1)) + (extract(work, 2) + extract(work, 3)))

@@ -18,10 +18,10 @@ from thirdbody.jit.simd import broadcast, load, set4, store
 from thirdbody.kernels import plates
 from thirdbody.kernels.arguments import KINDS, LAW
 from thirdbody.kernels.bodies import arm_to_sphere
+from thirdbody.kernels.contact_geometry import overlap_and_normal
 from thirdbody.kernels.explicit import stiffness_matrix
-from thirdbody.kernels.explicit.tables import contact_stiffness
-from thirdbody.kernels.narrow_phase import overlap_and_normal
 from thirdbody.kernels.plates import is_sphere, is_upper, max_stiffness, patch_of_partner
+from thirdbody.kernels.step_tables import contact_stiffness
 from thirdbody.kernels.tables import body, body_extra, patch, sphere, surface_contact
 from thirdbody.kernels.tile import TILE, law_input
 from thirdbody.kernels.vectors import box_of, image
@@ -39,14 +39,10 @@ Assembly = namedtuple("Assembly", ("n_plates", *FIELDS))  # type: ignore[misc]
 class Horizon(NamedTuple):
     """How deep contacts can get before the bound is computed again."""
 
-    time: float
-    """Time until then [s]."""
-    limit: float
-    """Largest new depth over the radius."""
-    v_x: float
-    """Velocity of the upper plate along x [m/s]."""
-    v_y: float
-    """The same along y."""
+    time: float  # time until then [s]
+    limit: float  # largest new depth over the radius
+    v_x: float  # velocity of the upper plate along x [m/s]
+    v_y: float  # the same along y
 
 
 class Tables(NamedTuple):
@@ -54,37 +50,29 @@ class Tables(NamedTuple):
 
     stiffnesses: Array
     """`contact_stiffness`: in the rows of the candidates of a piece, one after the other, those of its contacts."""
-    row_of: Array
-    """Row of each candidate in `stiffnesses`, or -1."""
-    minimum: Array
-    """Lower bounds of the steps of each body, by frequency and by both [s]."""
+    row_of: Array  # row of each candidate in `stiffnesses`, or -1
+    minimum: Array  # lower bounds of the steps of each body, by frequency and by both [s]
     patches: Array
     """(patches, 4), zero at first: squared frequency [1/s2], damping rate [1/s], longest step by the frequency alone and by
     both [s]."""
-    number: Array
-    """Bodies that may have the shortest step, in order."""
-    bodies: Array
-    """(bodies, 4): squared frequencies (traces) of translation and of rotation only [1/s2], and the same two steps."""
-    matrices: Array
-    """Scratch: stiffness and damping of a body, and their squares."""
+    number: Array  # bodies that may have the shortest step, in order
+    bodies: Array  # (bodies, 4): squared frequencies (traces) of translation and of rotation only [1/s2], and the same two steps
+    matrices: Array  # scratch: stiffness and damping of a body, and their squares
 
 
 class Scratch(NamedTuple):
     """Scratch of a piece."""
 
-    inputs: Array
-    """Of the law's stiffness: a tile of `law_input`."""
-    outputs: Array
-    """k_n, k_t, k_r, c_n, c_t, c_r of a tile, then k_w and c_w about the normal; zero without a twisting law."""
-    near: Array
-    """List of candidates."""
+    inputs: Array  # of the law's stiffness: a tile of `law_input`
+    outputs: Array  # k_n, k_t, k_r, c_n, c_t, c_r of a tile, then k_w and c_w about the normal; zero without a twisting law
+    near: Array  # list of candidates
 
 
 @njit(**BARE)
 def stable_step(square, rate):
     """Return the longest stable step of oscillators x'' + rate x' + square x = 0 [s]; infinite without both.
 
-    Velocity Verlet with the velocity of the dashpot predicted from the force before: its amplification has the eigenvalue -1
+    Velocity Verlet with the velocity of the dashpot predicted from the force before: -1 is an eigenvalue of its amplification
     where (omega dt)^2/4 + rate dt = 1.
     """
     return 2.0 / (rate + math.sqrt(rate * rate + square))
@@ -282,26 +270,12 @@ def shortest_steps(many, context, time, near, tables):
 
 
 def make_tables(n_bodies, n_candidates, n_patches):
-    """Return the tables of all pieces.
-
-    They are allocated here since each allocation in a kernel costs 0.1 s of compilation; untouched parts cost no memory.
-    """
-    rows, row_of, minimum = (
-        np.empty((n_candidates, contact_stiffness.WIDTH)),
-        np.empty(n_candidates, np.int32),
-        np.empty((n_bodies, 2)),
-    )
+    """Return the tables of all pieces; each allocation in a kernel would cost 0.1 s of compilation."""
     return Tables(
-        rows,
-        row_of,
-        minimum,
-        np.zeros((n_patches, 4)),
-        np.empty(n_bodies, np.int64),
-        np.empty((n_bodies, 4)),
-        np.empty((4, 6, 8)),
-    )
+        np.empty((n_candidates, contact_stiffness.WIDTH)), np.empty(n_candidates, np.int32), np.empty((n_bodies, 2)),
+        np.zeros((n_patches, 4)), np.empty(n_bodies, np.int64), np.empty((n_bodies, 4)), np.empty((4, 6, 8)),
+    )  # fmt: skip
 
 
 def make_scratch(longest):
-    """Return the scratch of pieces of at most `longest` candidates."""
     return Scratch(np.zeros((law_input.HISTORY + 1) * TILE), np.zeros(8 * TILE), np.empty(longest + 1, np.int32))

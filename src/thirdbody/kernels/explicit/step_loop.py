@@ -13,36 +13,27 @@ from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS, entry
 from thirdbody.jit.simd import broadcast, extract, load
 from thirdbody.jit.threads import DISMISSED, DONE, close_pass, count_up, load_word, next_part, open_pass, wait_again
 from thirdbody.kernels.arguments import EARLY, LATE, OBSERVATION, WORK, Step, context_of
-from thirdbody.kernels.bodies import BODIES, largest_displacement, steps_behind, weight_of
+from thirdbody.kernels.bodies import BODIES, STEPS, largest_displacement, weight_of
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.explicit.passes import closing_kick
-from thirdbody.kernels.explicit.tables import chunk_motion, contact_sums
 from thirdbody.kernels.plates import book_direct_contact, direct_force
 from thirdbody.kernels.schedule import GAP, LOAD, X, Y, mean_rate, pass_time, value
+from thirdbody.kernels.step_tables import chunk_motion, contact_sums
 from thirdbody.kernels.tables import body_extra, domain, patch, run_totals
 
 
 class Stop(IntEnum):
     """Reasons why `advance` returned. Guards come with the candidate or body that tripped them."""
 
-    DONE = 0
-    """The target is reached."""
-    SEARCH = 1
-    """A search is due."""
-    BUDGET = 2
-    """All steps were made."""
-    OVERLAP = 3
-    """Guard: a contact is too deep."""
-    TRAVEL = 4
-    """Guard: a body moved too far in a step."""
-    BAD_CONTACT = 5
-    """Guard: a force is not finite."""
-    BAD_BODY = 6
-    """Guard: a position is not finite."""
-    LEFT = 7
-    """Guard: a body left the domain."""
-    RECORD = 8
-    """The target is one step ahead, and there is no table for the records of contacts."""
+    DONE = 0  # the target is reached
+    SEARCH = 1  # A search is due
+    BUDGET = 2  # all steps were made
+    OVERLAP = 3  # guard: a contact is too deep
+    TRAVEL = 4  # guard: a body moved too far in a step
+    BAD_CONTACT = 5  # guard: a force is not finite
+    BAD_BODY = 6  # guard: a position is not finite
+    LEFT = 7  # guard: a body left the domain
+    RECORD = 8  # the target is one step ahead, and there is no table for the records of contacts
 
 
 NEARLY = 1.000001
@@ -118,10 +109,8 @@ def force_of_debris(sums):
 
 @njit(**BARE)
 def patch_powers(P, first, last):
-    """Return the power that moves patches first to last - 1 and that of their dashpots [W].
-
-    The former is that of the loads of free patches, and minus force times velocity of those of prescribed height.
-    """
+    """Return the power of the loads of free patches first to last - 1, with minus force times velocity of those of prescribed
+    height, and that of their dashpots [W]."""
     load, damping, power = 0.0, 0.0, 0.0
     for p in range(first, last):
         if P[p, patch.FREE] != 0.0:
@@ -134,10 +123,8 @@ def patch_powers(P, first, last):
 
 @njit(**BARE)
 def update_ledger(context, step):
-    """Add the step to the energy ledger, to impulses and distances, in a fixed order.
-
-    Where bodies do not influence each other there is a ledger for each group of them, else one for all.
-    """
+    """Add the step to the energy ledger, to impulses and distances, in a fixed order; where bodies do not influence each other
+    there is a ledger for each group of them, else one for all."""
     A, ledgers, P, n = context.A, context.ledgers, context.P, context.B.shape[0]
     if ledgers.shape[0] == 0:
         book_step(
@@ -154,15 +141,18 @@ def update_ledger(context, step):
     if P[plate, patch.DIRECT_PREFACTOR] != 0.0:
         book_direct_contact(ledgers[0] if ledgers.shape[0] > 0 else A, P, plate, step, 0.5)
     pass_time(A, step.dt, step.v_x, step.v_y)
-    A[run_totals.BEHIND] = step.dt * steps_behind(np.int64(A[run_totals.STEPS]))
+    steps, weights = np.int64(A[run_totals.STEPS]) % STEPS, 0.0
+    for k in range(steps):
+        weights += weight_of(k)
+    A[run_totals.BEHIND] = step.dt * (steps - weights)  # of the orientations of single spheres; negative: ahead
 
 
 @njit(**BARE_CHUNK)
 def book_step(A, begin, end, powers, context, step):
-    """Add the step of groups begin to end to their ledger, the row A.
+    """Add the step of groups begin to end to their ledger, the row A; in a recorded step also the elastic energy of the contacts.
 
-    Contacts supply energies; other powers are integrated by the trapezoidal rule. In a recorded step also sum the elastic energy
-    of the contacts. `powers`: of what moves the patches, and of their dashpots [W].
+    Contacts supply energies; other powers are integrated by the trapezoidal rule. `powers`: of what moves the patches, and of
+    their dashpots [W].
     """
     sums, moves, (lifted, patch_damping) = context.sums, context.moves, powers
     work, damped, effects, upper, lower = 0.0, 0.0, 0.0, broadcast(0.0), broadcast(0.0)
@@ -249,7 +239,6 @@ def parts_of(groups, threads):
 
 @njit(**BARE)
 def run_part(part, parts, task, step, context, packed, work):
-    """Run one pass of a step over the groups of a part."""
     groups = np.int64(context.lowest.shape[0])
     work(task, part, part * groups // parts, (part + 1) * groups // parts, step, packed)
     count_up(context.team, DONE)

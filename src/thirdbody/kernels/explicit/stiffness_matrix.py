@@ -30,10 +30,10 @@ def cyclic_shift(v):
 
 @njit(**BARE)
 def contact_jacobian(n, arm, radius):
-    """Return the products that make up the stiffness of a contact of normal n at r = arm + radius n.
+    """Return the products that make up the stiffness of a contact of normal n at r = arm + radius n from the centre of mass.
 
-    r: from the centre of mass. Products of n and w = r x n: n n^T, w w^T, n w^T; and r^2 1 - r r^T, r. Symmetric ones: diagonal
-    and yz, zx, xy; others: diagonal, those, and zy, xz, yx.
+    Products of n and w = r x n: n n^T, w w^T, n w^T; and r^2 1 - r r^T, r. Symmetric ones: diagonal and yz, zx, xy; others:
+    diagonal, those, and zy, xz, yx.
     """
     r, w = with_last(arm + broadcast(radius) * n, n), cross(arm, n)
     n_1, w_1, r_1 = cyclic_shift(n), cyclic_shift(w), cyclic_shift(r)
@@ -88,7 +88,6 @@ def symmetric(s, o):
 
 @njit(**BARE)
 def times(v, X):
-    """Return the row v times the matrix of rows X."""
     return broadcast_lane(v, 0) * X[0] + broadcast_lane(v, 1) * X[1] + broadcast_lane(v, 2) * X[2]
 
 

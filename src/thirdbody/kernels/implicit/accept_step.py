@@ -8,14 +8,13 @@ from numba import njit
 from thirdbody.jit.options import BARE
 from thirdbody.kernels.books import normal_loss_of
 from thirdbody.kernels.contact_geometry import add_gradient_force, force_and_torques
-from thirdbody.kernels.explicit.tables import contact_sums
 from thirdbody.kernels.height_field import has_heights
 from thirdbody.kernels.implicit import books
 from thirdbody.kernels.implicit.control import step_ratio
 from thirdbody.kernels.implicit.residual import momentum_of, set_configuration
-from thirdbody.kernels.implicit.tables import sphere_path, step_contacts, step_memory, step_settings, step_start
 from thirdbody.kernels.implicit.workspace import FREEDOMS, STAGE, last_candidate, update_rough
 from thirdbody.kernels.plates import has_effect_columns, is_closed, is_lower, is_rough, three
+from thirdbody.kernels.step_tables import contact_sums, sphere_path, step_contacts, step_memory, step_settings, step_start
 from thirdbody.kernels.tables import body, body_extra, patch, run_totals, sphere
 from thirdbody.kernels.tile import TILE, geometry, law_output
 
@@ -28,10 +27,8 @@ STRAYED = 0.5 * math.sqrt(ROUNDED**2 - 1.0)
 
 @njit(**BARE)
 def commit(context, b, m, motion, space):
-    """Store history, friction work, slip and records of m contacts; add work and plate forces to `space.sums`.
-
-    Returns the energy [J] that the dashpots dissipate (`books`).
-    """
+    """Store history, friction work, slip and records of m contacts; add work and plate forces to `space.sums`. Return the energy
+    [J] that the dashpots dissipate (`books`)."""
     O, sums, B, smooth = space.outputs, space.sums, context.B, space.start[step_start.OLD_WEIGHT] > 0.0  # noqa: E741
     first, q, friction, damped = context.plate_edges[b], np.int64(0), 0.0, 0.0
     force_and_torques(m, space)
@@ -96,8 +93,7 @@ def curved_drag(context, b, motion, sums):
 
     On rough plates the force of a rolling body turns with the slope below it within few steps, and the work of the mean of both
     ends is off by tenths of a per cent. The parabola through the last three forces has the integral (Adams and Moulton, third
-    order) of the mean minus ratio/(6 (1 + ratio)) times the change of the force beyond `ratio` times that of the last step, which
-    was shorter by that ratio (0: there was none, `step_ratio`).
+    order) of the mean minus ratio/(6 (1 + ratio)) times the change of the force beyond `ratio` times the last one (`step_ratio`).
     """
     A, T, work, ratio = context.totals[b], context.memory[b], 0.0, step_ratio(context.memory[b], context.settings, motion.dt)
     for k in range(2):
@@ -110,9 +106,8 @@ def curved_drag(context, b, motion, sums):
 
 @njit(**BARE)
 def update_ledger(context, b, motion, works, common, space):
-    """Add the accepted step to the energy totals of the body.
-
-    `works`: energy that its contacts store more than before, and that their dashpots dissipate [J].
+    """Add the accepted step to the energy totals of the body. `works`: energy that its contacts store more than before, and that
+    their dashpots dissipate [J].
 
     Each line is computed independently; their imbalance is the residual. The method uses the forces at the end of the step: their
     work in excess of the energy stored and dissipated by the laws, and of the kinetic energy, is the numerical loss. The plate's
@@ -172,8 +167,8 @@ def update_ledger(context, b, motion, works, common, space):
 def remember_step(context, b, dt, space):
     """Store the data of an accepted step that the next one needs.
 
-    Where forces jump (`weight_of_old`) the change of velocity is that of an impulse: the next step starts anew, too. With it BDF2
-    would create energy: a fifth of what a ball has that a plate sets rolling (`meets_again` with `coulomb`).
+    Where forces jump (`weight_of_old`) the change of velocity is that of an impulse: the next step starts anew, too, or BDF2
+    would create a fifth of the energy of a ball that a plate sets rolling (`meets_again` with `coulomb`).
     """
     Z, T, B, velocity = space.start, context.memory[b], context.B, context.P[context.patch[b], patch.VELOCITY]
     for k in range(FREEDOMS):

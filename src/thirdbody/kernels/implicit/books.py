@@ -18,16 +18,16 @@ from numba import njit, types
 from thirdbody.jit.arguments import function_at
 from thirdbody.jit.options import BARE, NO_COUNTS, POINTED, entry
 from thirdbody.kernels import plates
-from thirdbody.kernels.books import book, friction_work_of, has_dashpot_moments, store_dashpot_forces, unpack_triple
+from thirdbody.kernels.books import book, has_dashpot_moments, store_dashpot_forces, unpack_triple
 from thirdbody.kernels.explicit.contact_forces import write_record
 from thirdbody.kernels.implicit.contact import cross, depth_at, difference, dot
-from thirdbody.kernels.implicit.tables import step_memory, step_settings, step_start
 from thirdbody.kernels.implicit.workspace import CONTEXT, MOTION, SPACE_TYPE, last_candidate
 from thirdbody.kernels.measures import measure_contact, measure_opened
 from thirdbody.kernels.memory import reset_history, spring_energy, store_history
 from thirdbody.kernels.plates import is_closed, surface_velocity
 from thirdbody.kernels.rolling_kinematics import has_twist
-from thirdbody.kernels.tables import body, contact_state, domain, record, sphere
+from thirdbody.kernels.step_tables import step_memory, step_settings, step_start
+from thirdbody.kernels.tables import body, body_extra, contact_state, domain, record, sphere
 from thirdbody.kernels.tile import TILE, law_input, law_output, rolling_input, rolling_output
 
 _D, _B, _I, _ROW = types.float64, types.boolean, types.int64, types.Array(types.float64, 1, "C")
@@ -59,10 +59,8 @@ CALM = 0.01
 
 @njit(**BARE)
 def loss_of_end(q, before, dt, context, tile):
-    """Return the energy [J] that the dashpots of contact q dissipate by their forces at the end of the step.
-
-    Their power there counts times the mean velocity of the contact over that at the end, in [0, 2].
-    """
+    """Return the energy [J] that the dashpots of contact q dissipate by their forces at the end of the step: their power there
+    times the mean velocity of the contact over that at the end, in [0, 2]."""
     I, n = tile.inputs, tile.inputs[law_input.NORMAL_VELOCITY * TILE + q]  # noqa: E741
     x, y = I[law_input.VELOCITY_X * TILE + q], I[law_input.VELOCITY_Y * TILE + q]
     square = n * n + x * x + y * y
@@ -73,10 +71,11 @@ def loss_of_end(q, before, dt, context, tile):
 
 @njit(**BARE)
 def weight_of_old(context, b, m, dt, space):
-    """Return the weight of the force at the start of a step in its work: 0.5, or 0 where forces jump.
+    """Return the weight of the force at the start of a step in its work, of plate, friction and dashpots: 0.5, or 0 where forces
+    jump.
 
-    The work is that of the plate, of friction and of dashpots. Forces jump with the velocity at a breakpoint of the motion if the
-    dashpots of the m contacts dissipate more than CALM of the work of the tangential forces.
+    Forces jump with the velocity at a breakpoint of the motion if the dashpots of the m contacts dissipate more than CALM of the
+    work of the tangential forces.
     """
     if context.memory[b, step_memory.LAST_DT] > 0.0:
         return 0.5
@@ -91,10 +90,8 @@ def weight_of_old(context, b, m, dt, space):
 @njit(**BARE)
 def opening_work(k, before, contact, u, context, dt):
     """Return the slip work [J] of the tangential spring of candidate k, whose force falls to zero as it opens within the step.
-
-    `before`: overlap plus reach [m] at the start of the step; `contact`: overlap [m] and normal at its end; u: mean velocity of
-    the partner there [m/s].
-    """
+    `before`: overlap plus reach [m] at its start; `contact`: overlap [m] and normal at its end; u: mean velocity of the partner
+    there [m/s]."""
     S, H, i, (overlap, n) = context.S, context.H, context.own[k], contact
     r = S[i, sphere.RADIUS]
     v = surface_velocity(i, S, STEP_COLUMNS, (-r * n[0], -r * n[1], -r * n[2]))
@@ -141,8 +138,8 @@ def contact_energy(q, tile):
 def contact_difference(q, before, context, tile):
     """Return the estimated error [J] of the friction work of contact q; `before`: its overlap plus reach at the start [m].
 
-    It is the difference between the work of the mean force and of the force at the end of the step, plus the effect of a
-    changing contact radius (`GROWN`).
+    It is the difference between the works of the mean force and of that at the end, plus the effect of a changing contact radius
+    (`GROWN`).
     """
     I, O = tile.inputs, tile.outputs  # noqa: E741
     old, new = (law_input.HISTORY + context.force) * TILE + q, (law_output.HISTORY + context.force) * TILE + q
@@ -172,15 +169,13 @@ def moment_work(q, context, tile):
 
 @njit(**BARE)
 def energy_scale(context, b, m, space):
-    """Return the scale of energy [J] for errors of the friction work of a body.
-
-    It is its friction work so far, plus its kinetic energy of translation, which impacts dissipate, plus FLOOR times that of
-    rotation, which friction alone dissipates, and the energy that its contacts can store (largest so far: step_memory.MAX_ENERGY
-    [J]).
-    """
+    """Return the scale of energy [J] for errors of the friction work of a body: its friction work so far, plus its kinetic energy
+    of translation, which impacts dissipate, plus FLOOR times that of rotation, which friction alone dissipates, and the energy
+    that its contacts can store (largest so far: step_memory.MAX_ENERGY [J])."""
     B = context.B
     stored = max(context.memory[b, step_memory.MAX_ENERGY], energy_of_contacts(m, space))
-    friction, square, turn = friction_work_of(b, B, context.E, context.loss_column), 0.0, 0.0
+    loss = context.E[b, body_extra.NORMAL_LOSS] if context.loss_column >= 0 else 0.0
+    friction, square, turn = B[b, body.FRICTION_WORK] - loss, 0.0, 0.0
     for k in range(3):
         square += B[b, body.VELOCITY + k] ** 2
         turn += (space.start[step_start.ARM] * B[b, body.SPIN + k]) ** 2
@@ -275,8 +270,7 @@ def end_contact(k, before, dragged, smooth, context):
     """End candidate k, which opens within the step; return what its friction and its dashpots dissipate in it [J].
 
     `before`: overlap plus reach at the start of the step [m]; `dragged`: work of its tangential spring [J]. Without normal force
-    at the start of the step the dashpots dissipate all that was stored: nothing accelerates the body, and one step can lead from
-    there to the open contact.
+    there the dashpots dissipate all that was stored: nothing accelerates the body, and one step can lead to the open contact.
     """
     damped = 0.0
     if context.R[k, record.NORMAL_FORCE] == 0.0:

@@ -10,7 +10,7 @@ bodies.
 from numba import njit, types
 
 from thirdbody.jit.arguments import PACKED
-from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS, entry
+from thirdbody.jit.options import BARE, NO_COUNTS, OPTIONS, entry
 from thirdbody.kernels.arguments import Motion
 from thirdbody.kernels.implicit import control, workspace
 from thirdbody.kernels.implicit.accept_step import reject_step
@@ -19,9 +19,9 @@ from thirdbody.kernels.implicit.driver import accept_island, assess_island
 from thirdbody.kernels.implicit.jacobian import assemble, factorise_jacobian, solve_correction
 from thirdbody.kernels.implicit.newton import Outcome, evaluate, solve_island
 from thirdbody.kernels.implicit.residual import gradient_force, measure_arm, save_start
-from thirdbody.kernels.implicit.tables import body_solution, step_memory, step_start
 from thirdbody.kernels.implicit.workspace import FREEDOMS, STAGE, body_at, call_part, space_at
 from thirdbody.kernels.plates import book_direct_contact, is_rough, is_upper
+from thirdbody.kernels.step_tables import body_solution, step_memory, step_start
 from thirdbody.kernels.tables import patch
 from thirdbody.kernels.tile import TILE, law_output
 
@@ -59,11 +59,9 @@ def load_body(context, b, space):
 
 @njit(**BARE)
 def write_stiffness(m, motion, context, island, scratch):
-    """Write the changes of the forces on the plate with its rise, the island in equilibrium, to the solutions of its bodies.
-
-    Each body follows the plate itself, or the spring of its patch. The column of the plate becomes the right-hand side, and its
-    rise is taken out of the band.
-    """
+    """Write the changes of the forces on the plate with its rise, the island in equilibrium, to the solutions of its bodies, each
+    of which follows the plate itself or the spring of its patch. The column of the plate becomes the right-hand side; its rise is
+    taken out of the band."""
     assemble(m, True, motion, context, island, scratch)
     band, w = scratch.band, island.half_width
     for a in range(island.n):
@@ -97,58 +95,50 @@ def spring_of(a, context, island):
     return context.P[context.patch[body_at(a, island)], patch.SPRING]
 
 
-@njit(**BARE_CHUNK)
-def solve_one(first_iteration, displacement, motion, context, island, scratch):
-    """Solve the step of an island for a given rise of the plate."""
-    for a in range(island.n):
-        b, space = body_at(a, island), space_at(a, scratch)
-        if first_iteration:
-            measure_arm(context, b, space)
-            save_start(a, context, island, scratch)
-            control.begin_step(context, b, displacement, motion, space)
-            for e in range(context.plate_edges[b], context.plate_edges[b + 1]):
-                context.initial_overlaps[e] = space.before[e - context.plate_edges[b]]
-        else:
-            load_body(context, b, space)
-        if spring_of(a, context, island) == 0.0:
-            space.y[6] = displacement
-        space.start[step_start.PLATE_HEIGHT] = context.P[context.P.shape[0] - 1, patch.HEIGHT] + displacement
-        space.start[step_start.PLATE_DISPLACEMENT] = displacement
-    if first_iteration and island.n_pairs > 0:
-        call_part(context.pairs_part, STAGE.START, 0, 0, motion, context, island, scratch)
-    outcome, m, iterations = solve_island(motion, context, island, scratch)
-    # the friction work of a body that meets only plates is not estimated: it has no step of its own
-    of_work = outcome == Outcome.SOLVED and island.n > 1
-    error, rotation, landing = assess_island(m, of_work, motion, context, island, scratch)
-    for a in range(island.n):
-        b, space = body_at(a, island), space_at(a, scratch)
-        T, solution = context.memory[b], context.solutions[b]
-        T[step_memory.TRIES] += 1.0
-        T[step_memory.ITERATIONS] += iterations
-        solution[body_solution.SOLVED] = 1.0 if outcome == Outcome.SOLVED else 0.0
-        solution[body_solution.CROWDED] = 1.0 if outcome == Outcome.CROWDED else 0.0
-        solution[body_solution.LANDS], solution[body_solution.ITERATIONS] = 1.0 if landing else 0.0, iterations
-        for k in range(FREEDOMS):
-            context.ends[b, k] = space.y[k]
-        for k in range(step_start.WIDTH):
-            context.starts[b, k] = space.start[k]
-        if outcome == Outcome.SOLVED:
-            solution[body_solution.ERROR], solution[body_solution.ROTATION] = error, rotation
-            solution[body_solution.PUSH] = plate_reaction(context, b, scratch.counts[a], space)
-    if outcome == Outcome.SOLVED:
-        write_stiffness(m, motion, context, island, scratch)
-
-
 @entry(types.void(_I, _I, _B, _D, workspace.MOTION, PACKED, PACKED, PACKED), nogil=True, **OPTIONS, **NO_COUNTS)
 def solve_at(first, last, first_iteration, displacement, motion, packed, tables, packed_scratch):
-    """Solve the step of the islands `order[first:last]`, in sequence, for a given rise of the plate [m].
-
-    `first_iteration`: the step begins; otherwise the iteration continues from `ends` of the previous call. Results are written to
-    `solutions`.
-    """
+    """Solve the step of the islands `order[first:last]`, in sequence, for a given rise of the plate [m]; results go to
+    `solutions`. `first_iteration`: the step begins; otherwise the iteration continues from `ends` of the previous call."""
     context, islands, scratch = workspace.unpack(packed, tables, packed_scratch)
     for p in range(first, last):
-        solve_one(first_iteration, displacement, motion, context, workspace.island_at(islands.order[p], islands), scratch)
+        island = workspace.island_at(islands.order[p], islands)
+        for a in range(island.n):
+            b, space = body_at(a, island), space_at(a, scratch)
+            if first_iteration:
+                measure_arm(context, b, space)
+                save_start(a, context, island, scratch)
+                control.begin_step(context, b, displacement, motion, space)
+                for e in range(context.plate_edges[b], context.plate_edges[b + 1]):
+                    context.initial_overlaps[e] = space.before[e - context.plate_edges[b]]
+            else:
+                load_body(context, b, space)
+            if spring_of(a, context, island) == 0.0:
+                space.y[6] = displacement
+            space.start[step_start.PLATE_HEIGHT] = context.P[context.P.shape[0] - 1, patch.HEIGHT] + displacement
+            space.start[step_start.PLATE_DISPLACEMENT] = displacement
+        if first_iteration and island.n_pairs > 0:
+            call_part(context.pairs_part, STAGE.START, 0, 0, motion, context, island, scratch)
+        outcome, m, iterations = solve_island(motion, context, island, scratch)
+        # the friction work of a body that meets only plates is not estimated: it has no step of its own
+        of_work = outcome == Outcome.SOLVED and island.n > 1
+        error, rotation, landing = assess_island(m, of_work, motion, context, island, scratch)
+        for a in range(island.n):
+            b, space = body_at(a, island), space_at(a, scratch)
+            T, solution = context.memory[b], context.solutions[b]
+            T[step_memory.TRIES] += 1.0
+            T[step_memory.ITERATIONS] += iterations
+            solution[body_solution.SOLVED] = 1.0 if outcome == Outcome.SOLVED else 0.0
+            solution[body_solution.CROWDED] = 1.0 if outcome == Outcome.CROWDED else 0.0
+            solution[body_solution.LANDS], solution[body_solution.ITERATIONS] = 1.0 if landing else 0.0, iterations
+            for k in range(FREEDOMS):
+                context.ends[b, k] = space.y[k]
+            for k in range(step_start.WIDTH):
+                context.starts[b, k] = space.start[k]
+            if outcome == Outcome.SOLVED:
+                solution[body_solution.ERROR], solution[body_solution.ROTATION] = error, rotation
+                solution[body_solution.PUSH] = plate_reaction(context, b, scratch.counts[a], space)
+        if outcome == Outcome.SOLVED:
+            write_stiffness(m, motion, context, island, scratch)
 
 
 @entry(types.void(_I, _I, _ENDED, workspace.MOTION, PACKED, PACKED, PACKED), nogil=True, **OPTIONS, **NO_COUNTS)
@@ -185,33 +175,6 @@ def restore_islands(first, last, packed, tables, packed_scratch):
 def common_step_length(T, t, packed, end):
     """Return length [s] and limiting cause of the next step (`control.next_length`)."""
     return control.next_length(T, t, workspace.context_of(packed), end)
-
-
-@entry(types.UniTuple(_D, 4)(_ROW, _ROW, _D, _D, _D, _D), **OPTIONS)
-def plate_motion(T, V, displacement, velocity, radius, dt):
-    """Return velocity [m/s] and acceleration [m/s2] of the plate after a step, the change of the former with the rise [1/s], and
-    the error of the step over the tolerance (`control.error_of_change`).
-
-    `velocity`: before the step; V: settings; `radius`: of the largest contact [m].
-    """
-    ratio = control.step_ratio(T, V, dt)
-    now, before = control.bdf2_weights(ratio)
-    after = (now * displacement - before * T[step_memory.LAST_COORDINATES + 6]) / dt
-    change = now * (after - velocity) - before * T[step_memory.LAST_DRISE]
-    error = control.error_of_change(abs(after - velocity - ratio * T[step_memory.LAST_DRISE]), radius, ratio, V, dt)
-    return after, change / dt, now / dt, error
-
-
-@entry(_D(_B, _D, _D), **OPTIONS)
-def reduction(converged, error, rotation):
-    """Return the factor that shortens a rejected step."""
-    return control.reduction_factor(converged, error, rotation)
-
-
-@entry(types.void(_ROW, _D, _D, _D, _B, _B, _I), **OPTIONS)
-def set_common_length(T, growth, dt, error, easy, cut, limit):
-    """Set the length of the next step and what limits it (`control.set_next_dt`)."""
-    control.set_next_dt(T, growth, dt, error, easy, cut, limit)
 
 
 @entry(types.UniTuple(_D, 2)(_D, PACKED, _D), **OPTIONS)

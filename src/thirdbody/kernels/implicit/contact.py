@@ -90,7 +90,6 @@ def vector_at(q, field, G):
 
 @njit(**BARE)
 def frame_of(q, G):
-    """Return normal and both axes of contact q."""
     return vector_at(q, geometry.NORMAL, G), vector_at(q, geometry.AXIS, G), vector_at(q, geometry.CROSS_AXIS, G)
 
 
@@ -127,6 +126,8 @@ Tensor = tuple[float, float, float, float, float, float]
 """Symmetric: xx, yy, zz, xy, xz, yz."""
 
 NOWHERE, ZERO_TENSOR = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+PLANE = ZERO_TENSOR, NOWHERE, ZERO_TENSOR
+"""Shape of a plane: bend, gradient and its change."""
 
 
 class Side(NamedTuple):
@@ -151,10 +152,8 @@ class Contact(NamedTuple):
     displacement: Vector  # of the step, along the normal and the axes of the frame [m]
     tangent: tuple[float, float, float, float, float, float, float]
     """Change of N with the overlap, and of T_1, T_2 with the slip and the overlap (`contact_tangent`)."""
-    rolling_tangent: Tensor
-    """Change of M_1, M_2 with rotations about the axes and with the overlap; zero without moments."""
-    twist_tangent: tuple[float, float]
-    """Change of the moment about the normal with the rotation about it, and with the overlap."""
+    rolling_tangent: Tensor  # change of M_1, M_2 with rotations about the axes and with the overlap; zero without moments
+    twist_tangent: tuple[float, float]  # change of the moment about the normal with the rotation about it, and with the overlap
     bend: Tensor  # H [1/m]
     normal_force: float
     energy: float  # of the normal spring [J]
@@ -199,14 +198,7 @@ def contact_of(q, before, dt, sides, shape, context, tile):
 
 @njit(**BARE)
 def owner_side(q, i, row, scale, S, G):
-    """Return the side of the owner, sphere i, of contact q."""
     return Side(row, -1, scale, three(S, i, sphere.ARM), contact_point(q, i, S, G), G[q + geometry.ARM * TILE])
-
-
-@njit(**BARE)
-def plate_side(lift):
-    """Return the side of a plate; `lift`: its row and column, -1 for one at rest."""
-    return Side(-1, lift, 1.0, NOWHERE, NOWHERE, 0.0)
 
 
 @njit(**BARE)
@@ -214,7 +206,7 @@ def plate_contact(q, b, dt, shape, context, space):
     """Return contact q of body b, with a plate, as a `Contact` of the equations of this body alone; `shape`: see `contact_of`."""
     k = space.slots[q]
     owner = owner_side(q, context.own[k], np.int64(0), 1.0, context.S, space.geometry)
-    sides = owner, plate_side(np.int64(6) if is_upper(context.partner[k]) else np.int64(-1))
+    sides = owner, Side(-1, np.int64(6) if is_upper(context.partner[k]) else np.int64(-1), 1.0, NOWHERE, NOWHERE, 0.0)
     return contact_of(q, space.before[k - context.plate_edges[b]], dt, sides, shape, context, space)
 
 
@@ -272,11 +264,14 @@ def add_planar(contact, J):
 
 
 @njit(**BARE)
-def add_planar_moments(contact, J):
-    """Add the moments of a contact with a plane to the same, beyond `add_planar`: they change with rotation w and overlap d.
+def add_plane(contact, context, J):
+    """Add a contact with a plane to the Jacobian of its body, J (7, 7), flat; moments change with rotation w and overlap d:
 
     dM = M w + m dd        with dd = -n.(u + w x r)
     """
+    add_planar(contact, J)
+    if not has_moments(context):
+        return
     (n, e, g), (xx, xy, yx, yy, xd, yd) = contact.frame, contact.rolling_tangent
     twist, by_overlap = contact.twist_tangent
     m, along = scaled_sum(xd, e, yd, g, by_overlap, n), cross(contact.owner.point, n)
@@ -288,11 +283,3 @@ def add_planar_moments(contact, J):
             J[FREEDOMS * (3 + i) + 3 + k] += row[k] - m[i] * along[k]
         if contact.partner.lift >= 0:
             J[FREEDOMS * (3 + i) + 6] += m[i] * n[2]
-
-
-@njit(**BARE)
-def add_plane(contact, context, J):
-    """Add a contact with a plane to the Jacobian of its body, J (7, 7), flat."""
-    add_planar(contact, J)
-    if has_moments(context):
-        add_planar_moments(contact, J)

@@ -12,8 +12,8 @@ from thirdbody.kernels import plates
 from thirdbody.kernels.bodies import check_position, limits_of
 from thirdbody.kernels.height_field import has_heights
 from thirdbody.kernels.implicit.residual import MAX_ROTATION
-from thirdbody.kernels.implicit.tables import step_contacts, step_memory, step_settings, step_start
 from thirdbody.kernels.schedule import GAP, LOAD, X, Y, mean_rate, next_corner, pass_time
+from thirdbody.kernels.step_tables import step_contacts, step_memory, step_settings, step_start
 from thirdbody.kernels.tables import body, domain, patch, run_totals, sphere
 
 
@@ -108,7 +108,6 @@ def plate_velocity(t, context, dt):
 
 @njit(**BARE)
 def longest_drag(V, T):
-    """Return the longest drag [m] of a step."""
     return min(V[step_settings.LONGEST], V[step_settings.RADII] * T[step_memory.CONTACT_RADIUS])
 
 
@@ -149,11 +148,9 @@ def bdf2_weights(ratio):
 
 @njit(**BARE)
 def begin_step(context, b, displacement, motion, space):
-    """Set the weights of a step, what holds a body without inertia, and its patch along x and y; predict the end of the step.
-
-    It is predicted with the acceleration of the last step, after a start with constant velocity; `local_error` measures from
-    there. `displacement`: of a patch that is prescribed [m].
-    """
+    """Set the weights of a step, what holds a body without inertia, and its patch along x and y; predict the end of the step:
+    with the acceleration of the last one, after a start with constant velocity; `local_error` measures from there.
+    `displacement`: of a patch that is prescribed [m]."""
     p, Z, T, V, P, dt = context.patch[b], space.start, context.memory[b], context.settings, context.P, motion.dt
     P[p, patch.DISPLACEMENT] = Z[step_start.PATCH_DISPLACEMENT] + dt * motion.v_x
     P[p, patch.DISPLACEMENT + 1] = Z[step_start.PATCH_DISPLACEMENT + 1] + dt * motion.v_y
@@ -181,11 +178,12 @@ def begin_step(context, b, displacement, motion, space):
 
 @njit(**BARE)
 def error_of_change(change, radius, ratio, V, dt):
-    """Return the local error of a step over the tolerance; `change`: of a velocity [m/s], beyond that of the last step, scaled.
+    """Return the local error of a step over the tolerance, a fraction of `radius`, that of the largest contact. `change`: of a
+    velocity [m/s], beyond that of the last step, scaled.
 
-    The tolerance is a fraction of `radius`, that of the largest contact. Backward Euler: half the step length times the change of
-    velocity. BDF2: 2/9 of the step length times the difference between this change and the last one scaled by the ratio of steps
-    (at equal steps 2/9 of the third derivative times dt^3: Hairer, Norsett and Wanner, III.2).
+    Backward Euler: half the step length times the change of velocity. BDF2: 2/9 of the step length times the difference between
+    this change and the last one scaled by the ratio of steps (at equal steps 2/9 of the third derivative times dt^3: Hairer,
+    Norsett and Wanner, III.2).
     """
     fraction, allowed = 0.5 if ratio == 0.0 else 2.0 / 9.0, V[step_settings.TOLERANCE]
     if V[step_settings.INERTIAL] == 0.0:
@@ -232,10 +230,8 @@ def reduction_factor(converged, error, rotation):
 
 @njit(**BARE)
 def set_next_dt(T, growth, dt, error, easy, cut, limit):
-    """Set the length of the next step and what limits it.
-
-    `growth`: largest ratio of two steps; `easy`: Newton's method took few iterations; `cut`: the step was cut because of `limit`.
-    """
+    """Set the length of the next step and what limits it. `growth`: largest ratio of two steps; `easy`: Newton's method took few
+    iterations; `cut`: the step was cut because of `limit`."""
     requested_dt = T[step_memory.NEXT_DT]
     grown = min(growth, 0.9 / math.sqrt(max(error, 1e-30)))
     if cut or not easy:
@@ -253,10 +249,8 @@ def set_next_dt(T, growth, dt, error, easy, cut, limit):
 
 @njit(**BARE)
 def close_step(context, b, motion, ended, space):
-    """Advance the clock and the counters of body b by a step, and note a guard that it violates.
-
-    `ended`: time [s] at the end of the interval, whether the step ends exactly then, and how often it was cut.
-    """
+    """Advance the clock and the counters of body b by a step, and note a guard that it violates. `ended`: time [s] at the end of
+    the interval, whether the step ends exactly then, and how often it was cut."""
     T, A, D, diagnostics, (end, whole, cuts) = context.memory[b], context.totals[b], context.D, space.diagnostics, ended
     pass_time(A, motion.dt, motion.v_x, motion.v_y)
     if whole:

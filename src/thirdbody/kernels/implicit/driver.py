@@ -1,4 +1,4 @@
-"""BDF2 steps of islands: advanced to a time by individual steps, from one body to many.
+"""BDF2 steps of islands: advanced to a time by individual steps, from one body to many; and of ensembles.
 
 A step that Newton's method or the error estimate rejects is shortened; step lengths grow again afterwards. The error is relative
 to the radius of the largest contact: steps are short where a contact starts to slip or a body tips, and long where it slides or
@@ -7,24 +7,32 @@ and is of second order: at 1 m/s, where inertia governs sliding, the same error 
 
 Each body of an island keeps its own BDF2 weights, so an island can form from bodies whose last steps differ. The step is that of
 the body that needs the shortest one.
+
+In an ensemble a body has rows for all its candidates, and for its spheres, only while it is advanced. Between two calls there are
+rows of closed contacts only, of a batch of bodies one after the other. The rows of one body stay in the first cache until its
+closed ones are written back.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from numba import njit, types
 
-from thirdbody.jit.arguments import function_at
-from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS, entry
+from thirdbody.jit.arguments import PACKED, Unpacked, first_words, function_at, make_unpacker
+from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS, OPTIONS, entry
 from thirdbody.kernels import schedule
 from thirdbody.kernels.arguments import OBSERVE_BODIES, Motion, as_observed
+from thirdbody.kernels.bodies import place_as_it_is
 from thirdbody.kernels.implicit import books, control, workspace
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
+from thirdbody.kernels.implicit.control import Stop
 from thirdbody.kernels.implicit.newton import Outcome, solve_island
 from thirdbody.kernels.implicit.residual import MAX_ROTATION, measure_arm, save_start
-from thirdbody.kernels.implicit.tables import step_memory, step_settings, step_start
-from thirdbody.kernels.implicit.workspace import STAGE, body_at, call_part, space_at
-from thirdbody.kernels.tables import patch, run_totals
+from thirdbody.kernels.implicit.workspace import ADVANCE, KINDS, STAGE, ImplicitContext, body_at, call_part, context_of, space_at
+from thirdbody.kernels.memory import CLOSED, compact, expand, keep
+from thirdbody.kernels.step_tables import step_memory, step_settings, step_start
+from thirdbody.kernels.tables import body, patch, run_totals, sphere
 
 observe_bodies_at = function_at(OBSERVE_BODIES)
 
@@ -67,11 +75,8 @@ def begin_steps(motion, context, island, scratch):
 
 @njit(**BARE_CHUNK)
 def assess_island(m, converged, motion, context, island, scratch):
-    """Return the largest error of a body over the tolerance, the largest rotation of a body or turn of a normal, and whether a
-    contact of the island closed within the step.
-
-    The error is that of the motion and, with inertia, that of the friction work.
-    """
+    """Return the largest error of a body over the tolerance, of the motion and, with inertia, of the friction work; the largest
+    rotation of a body or turn of a normal; and whether a contact of the island closed within the step."""
     error, rotation, landing, V, m = 0.0, 0.0, False, context.settings, max(m, 0)
     pairs = island.n_pairs > 0
     if pairs:
@@ -182,3 +187,82 @@ def advance_islands(first, last, until, tries, packed, tables, packed_scratch):
             if not going:
                 break
             step(until, context, island, scratch)
+
+
+# -- ensembles --
+
+Array = np.ndarray
+
+_WORDS = first_words(KINDS)
+H_ADDRESS, R_ADDRESS, S_ADDRESS = (_WORDS[name] for name in ("H", "R", "S"))
+"""Words of the packed arguments that hold the addresses of the tables that exist for one body at a time."""
+
+
+changing_context_of = make_unpacker(Unpacked(KINDS, ImplicitContext, changing=True))
+
+advance_at = function_at(ADVANCE)
+
+
+class Span(NamedTuple):
+    """Bodies `first` to `last` - 1 of a batch, of which `low` to `high` - 1 are advanced; address of `driver.advance_islands`."""
+
+    first: int
+    last: int
+    low: int
+    high: int
+    advance: int
+
+
+class OneBody(NamedTuple):
+    """Tables with room for the candidates and the spheres of any body; radii of all spheres, or none where spheres are kept."""
+
+    H: Array
+    R: Array
+    S: Array
+    radii: Array
+
+
+@njit(**BARE)
+def point_to(table, row, word, packed):
+    """Set the address of a table in the packed arguments so that its first row is the one of that number."""
+    packed[word] = table.ctypes.data - row * table.strides[0]
+
+
+_TABLE, _ROW, _LONG = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C"), types.int64
+SPAN, ONE_BODY = types.NamedUniTuple(_LONG, 5, Span), types.NamedTuple((_TABLE, _TABLE, _TABLE, _ROW), OneBody)
+
+
+@entry(
+    _LONG(SPAN, types.float64, types.float64, PACKED, PACKED, PACKED, types.UniTuple(CLOSED, 2), ONE_BODY), nogil=True, **DIRECT
+)
+def advance_batch(span, until, tries, packed, tables, packed_scratch, contacts, one):
+    """Advance bodies of a batch as `driver.advance_islands`; write its closed contacts, and return their number.
+
+    `packed`: a packed `ImplicitContext`, in which the addresses of the tables of one body are changed; `one`: these tables;
+    `contacts`: closed ones before, and tables with room for all candidates of the batch.
+    """
+    closed, new = contacts
+    context, n_closed = context_of(packed), np.int64(closed.on.shape[0])
+    begin, p, written = context.plate_edges[span.first], np.int64(0), np.int64(0)
+    for b in range(span.first, span.last):
+        k = context.plate_edges[b]
+        first, n, after = k - begin, context.plate_edges[b + 1] - k, p
+        while after < n_closed and closed.on[after] < first + n:
+            after += 1
+        waits = context.memory[b, step_memory.CODE] == Stop.NONE.value and context.totals[b, run_totals.TIME] < until
+        if span.low <= b < span.high and waits:
+            expand(n, p, first, closed, one.H, one.R)
+            point_to(one.H, k, H_ADDRESS, packed)
+            point_to(one.R, k, R_ADDRESS, packed)
+            if one.radii.shape[0] > 0:
+                point_to(one.S, context.start[b], S_ADDRESS, packed)
+                own = changing_context_of(packed)
+                for s in range(own.start[b], own.start[b + 1]):
+                    own.S[s, sphere.RADIUS], own.S[s, sphere.MASS] = one.radii[s], own.B[b, body.MASS]
+                place_as_it_is(b, own.start, own.offsets, own.S, own.B, own.orientations)
+            advance_at(span.advance)(np.int64(b), np.int64(b + 1), until, tries, packed, tables, packed_scratch)
+            written = compact(n, written, first, one.H, one.R, new)
+        else:
+            written = keep(p, after, written, closed, new)
+        p = after
+    return written

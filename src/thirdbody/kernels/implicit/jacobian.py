@@ -1,10 +1,14 @@
 """Linear equations of an island: Jacobian of the residuals (`residual`), of each body with its plates, and of contacts between
-bodies; Gaussian elimination with row pivots.
+bodies; Gaussian elimination with row pivots. Contacts with curved surfaces and between bodies are added by `add_curved`
+(`contact` has the theory): all changes are linear in the displacements of surface and centre, so that their responses along three
+axes give all coordinates.
 
 The entry in row i and column j is A[i step + j + offset]. Seven equations of one body are dense: step 7, offset 0. Those of
 several bodies are a band: row i holds the columns from i - w to i + 2 w, side by side, of which exchanged rows need the last w;
 step 3 w, offset w: 3 w + 1 columns. Not LAPACK, which would start threads of its own from each thread of a kernel.
 """
+
+from typing import NamedTuple
 
 from numba import njit
 
@@ -13,10 +17,10 @@ from thirdbody.jit.options import BARE
 from thirdbody.kernels import plates
 from thirdbody.kernels.arguments import LAW
 from thirdbody.kernels.contact_geometry import padded
-from thirdbody.kernels.implicit.contact import NOWHERE, ZERO_TENSOR, add_plane, plate_contact
+from thirdbody.kernels.implicit.contact import PLANE, Vector, add_plane, cross, dot, plate_contact, product, scaled_sum
 from thirdbody.kernels.implicit.residual import inertia_of
-from thirdbody.kernels.implicit.tables import step_start
 from thirdbody.kernels.implicit.workspace import FREEDOMS, STAGE, body_at, call_part, space_at
+from thirdbody.kernels.step_tables import step_start
 from thirdbody.kernels.tables import body, patch
 from thirdbody.kernels.tile import TILE, contact_tangent, law_output, rolling_output
 
@@ -41,7 +45,7 @@ def give_springs(m, context, tile):
 def assemble_body(a, m, coupled, motion, context, island, scratch):
     """Write the Jacobian (49,) [N/m] of the residual of the body at position a, for its m contacts with plates.
 
-    A patch of prescribed height has no equation, unless `coupled`: then the derivatives with respect to its height are included.
+    A patch of prescribed height has no equation, unless `coupled`: then derivatives with respect to its height are included.
     """
     b, space, dt, poses = body_at(a, island), space_at(a, scratch), motion.dt, context.orientations
     p, Z, P, J = context.patch[b], space.start, context.P, space.jacobian
@@ -55,7 +59,7 @@ def assemble_body(a, m, coupled, motion, context, island, scratch):
         call_part(context.rough_part, STAGE.TANGENTS, a, m, motion, context, island, scratch)
     else:
         for q in range(m):
-            add_plane(plate_contact(q, b, dt, (ZERO_TENSOR, NOWHERE, ZERO_TENSOR), context, space), context, J)
+            add_plane(plate_contact(q, b, dt, PLANE, context, space), context, J)
     call_part(context.spots_part, STAGE.TANGENTS, a, m, motion, context, island, scratch)
     per_arm, rate, (xx, yy, zz, xy, xz, yz) = 1.0 / Z[step_start.ARM], Z[step_start.NOW] / dt, inertia_of(b, context.E, poses)
     square, rows = Z[step_start.MASS_FRACTION] * rate * rate, ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
@@ -173,3 +177,126 @@ def solve_correction(coupled, island, scratch):
     for a in range(n):
         for k in range(FREEDOMS):
             space_at(a, scratch).correction[k] = x[FREEDOMS * a + k]
+
+
+class Response(NamedTuple):
+    """How a contact answers a small motion."""
+
+    force: Vector  # change of the force on the owner, opposite to that on a partner that is a body
+    torque: Vector  # change of the torque on the owner, about its centre of mass
+    back: Vector  # change of the torque on the partner, about its own
+
+
+@njit(**BARE)
+def axis_of(k):
+    return 1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0
+
+
+@njit(**BARE)
+def to_surface(s, contact):
+    """Return the response to a displacement s of the surface, in which the frame stays."""
+    (n, e, g), (k_n, xx, xy, yx, yy, xd, yd) = contact.frame, contact.tangent
+    d, s_1, s_2 = -dot(n, s), dot(e, s), dot(g, s)
+    df = scaled_sum(k_n * d, n, xx * s_1 + xy * s_2 + xd * d, e, yx * s_1 + yy * s_2 + yd * d, g)
+    dm = scaled_sum(contact.rolling_tangent[4] * d, e, contact.rolling_tangent[5] * d, g, contact.twist_tangent[1] * d, n)
+    arm = scaled_sum(0.5 * d, cross(n, contact.force), 0.0, n, 0.0, n)
+    torque = scaled_sum(1.0, cross(contact.owner.point, df), 1.0, arm, 1.0, dm)
+    return Response(df, torque, scaled_sum(-1.0, cross(contact.partner.point, df), 1.0, arm, -1.0, dm))
+
+
+@njit(**BARE)
+def to_bend(c, contact):
+    """Return the response to a displacement c of the centre beyond that of the surface: normal and effective radius change."""
+    (n, e, g), (k_n, xx, xy, yx, yy, xd, yd) = contact.frame, contact.tangent
+    dn, bent = product(contact.bend, c), dot(contact.gradient, c)
+    turn, depth = cross(n, dn), 0.5 * contact.normal_force / k_n * bent if k_n > 0.0 else 0.0
+    slip = scaled_sum(contact.displacement[0], n, contact.displacement[1], e, contact.displacement[2], g)
+    s_1, s_2 = dot(slip, cross(turn, e)), dot(slip, cross(turn, g))
+    df = scaled_sum(k_n * depth, n, xx * s_1 + xy * s_2 + xd * depth, e, yx * s_1 + yy * s_2 + yd * depth, g)
+    df = scaled_sum(1.0, df, 1.0, cross(turn, contact.force), 0.0, n)
+    arm, dm = cross(dn, contact.force), cross(turn, contact.moment)
+    # the gradient force, which acts on the owner's centre; only rough plates have one
+    size, changed = -0.5 * contact.energy, product(contact.gradient_change, c)
+    dp = scaled_sum(0.5 * (contact.normal_force * dot(n, c) + size * bent), contact.gradient, size, changed, 0.0, n)
+    torque = scaled_sum(1.0, cross(contact.owner.point, df), -contact.owner.arm, arm, 1.0, dm)
+    torque = scaled_sum(1.0, torque, 1.0, cross(contact.owner.centre, dp), 0.0, n)
+    back = scaled_sum(-1.0, cross(contact.partner.point, df), -contact.partner.arm, arm, -1.0, dm)
+    return Response(scaled_sum(1.0, df, 1.0, dp, 0.0, n), torque, back)
+
+
+@njit(**BARE)
+def to_spin(contact):
+    """Return the response to a turn of a body about the normal, as it turns the frame."""
+    (n, e, g), (_, xx, xy, yx, yy, _, _) = contact.frame, contact.tangent
+    _, s_1, s_2 = contact.displacement
+    df = scaled_sum(0.5 * (xx * s_2 - xy * s_1), e, 0.5 * (yx * s_2 - yy * s_1), g, 0.5, cross(n, contact.force))
+    dm = cross(n, contact.moment)
+    torque = scaled_sum(1.0, cross(contact.owner.point, df), 0.5, dm, 0.0, n)
+    return Response(df, torque, scaled_sum(-1.0, cross(contact.partner.point, df), -0.5, dm, 0.0, n))
+
+
+@njit(**BARE)
+def combined(x, a, y, b, z, c):
+    """Return the response x a + y b + z c."""
+    force, torque = scaled_sum(x, a.force, y, b.force, z, c.force), scaled_sum(x, a.torque, y, b.torque, z, c.torque)
+    return Response(force, torque, scaled_sum(x, a.back, y, b.back, z, c.back))
+
+
+@njit(**BARE)
+def response_to(s, c, turn, responses):
+    """Return the response to displacements s and c of surface and centre, and a turn about the normal."""
+    (x, y, z), (u, v, w), spin = responses
+    surface, bend = combined(s[0], x, s[1], y, s[2], z), combined(c[0], u, c[1], v, c[2], w)
+    return combined(1.0, surface, 1.0, bend, turn, spin)
+
+
+@njit(**BARE)
+def add_curved(contact, J, step, offset):
+    """Add any contact to the Jacobian J (`jacobian`), coordinate by coordinate."""
+    x, y, z = axis_of(0), axis_of(1), axis_of(2)
+    surface = to_surface(x, contact), to_surface(y, contact), to_surface(z, contact)
+    responses = surface, (to_bend(x, contact), to_bend(y, contact), to_bend(z, contact)), to_spin(contact)
+    add_side(contact.owner, 1.0, responses, contact, J, step, offset)
+    if contact.partner.row >= 0:
+        add_side(contact.partner, -1.0, responses, contact, J, step, offset)
+    elif contact.partner.lift >= 0:
+        down = 0.0, 0.0, -1.0
+        add_response(response_to(down, down, 0.0, responses), contact.partner.lift, 1.0, contact, J, step, offset)
+
+
+@njit(**BARE)
+def add_side(side, sign, responses, contact, J, step, offset):
+    """Add the responses to the coordinates of the body of a side; `sign`: 1 owner, -1 partner.
+
+    A displacement of a body moves surface and centre alike, a rotation w by w x r and w x a; it turns the frame, and the arm.
+    """
+    (n, e, g), (xx, xy, yx, yy, _, _) = contact.frame, contact.rolling_tangent
+    of_owner, of_partner = max(sign, 0.0), max(-sign, 0.0)
+    pull = scaled_sum(1.0, contact.force, -0.5 * contact.energy, contact.gradient, 0.0, n)
+    for k in range(3):
+        w = axis_of(k)
+        # moment that answers a rotation of the owner relative to the partner
+        about_e, about_g = dot(w, e), dot(w, g)
+        by_e, by_g = xx * about_e + xy * about_g, yx * about_e + yy * about_g
+        moment = scaled_sum(by_e, e, by_g, g, contact.twist_tangent[0] * dot(w, n), n)
+        u, swing = scaled_sum(sign, w, 0.0, n, 0.0, n), cross(w, side.centre)
+        add_response(response_to(u, u, 0.0, responses), side.row + k, 1.0, contact, J, step, offset)
+        rotated = response_to(cross(u, side.point), cross(u, side.centre), dot(w, n), responses)
+        torque = scaled_sum(1.0, rotated.torque, of_owner, cross(swing, pull), sign, moment)
+        back = scaled_sum(1.0, rotated.back, -of_partner, cross(swing, contact.force), -sign, moment)
+        add_response(Response(rotated.force, torque, back), side.row + 3 + k, side.scale, contact, J, step, offset)
+
+
+@njit(**BARE)
+def add_response(response, at, scale, contact, J, step, offset):
+    """Add the response to one coordinate, column `at` of J, times `scale`."""
+    owner, partner, (force, torque, back) = contact.owner, contact.partner, response
+    for k in range(3):
+        J[(owner.row + k) * step + at + offset] += scale * force[k]
+        J[(owner.row + 3 + k) * step + at + offset] += scale * owner.scale * torque[k]
+    if partner.row >= 0:
+        for k in range(3):
+            J[(partner.row + k) * step + at + offset] -= scale * force[k]
+            J[(partner.row + 3 + k) * step + at + offset] += scale * partner.scale * back[k]
+    elif partner.lift >= 0:
+        J[partner.lift * step + at + offset] -= scale * force[2]

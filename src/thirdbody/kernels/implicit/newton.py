@@ -16,9 +16,9 @@ from thirdbody.kernels import plates
 from thirdbody.kernels.implicit.contact import contact_point, dot, frame_of
 from thirdbody.kernels.implicit.jacobian import assemble, factorise_jacobian, solve_correction
 from thirdbody.kernels.implicit.residual import MAX_ROTATION, active_contacts, residual, set_configuration
-from thirdbody.kernels.implicit.tables import step_contacts, step_memory, step_settings, step_start
 from thirdbody.kernels.implicit.workspace import FREEDOMS, STAGE, body_at, call_part, last_candidate, space_at
 from thirdbody.kernels.plates import has_effect_columns, is_upper
+from thirdbody.kernels.step_tables import step_contacts, step_memory, step_settings, step_start
 from thirdbody.kernels.tables import body, body_extra, height_field, patch, sphere
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output
 
@@ -72,8 +72,7 @@ class Outcome(IntEnum):
 
     SOLVED = 0
     UNSOLVED = 1
-    CROWDED = 2
-    """A body has more contacts than a tile holds."""
+    CROWDED = 2  # A body has more contacts than a tile holds
 
 
 @njit(**BARE)
@@ -93,24 +92,10 @@ def effect_size(b, E):
 
 
 @njit(**BARE)
-def force_scale(context, b, dt, space):
-    """Return the sum of all acting forces [N], the scale of the residual."""
-    p, P, y = context.patch[b], context.P, space.trial
-    move, square = math.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2]), 1.0 / (dt * dt)
-    move += math.sqrt(y[3] * y[3] + y[4] * y[4] + y[5] * y[5])
-    # also of a patch without contacts: forces of its spring and dashpot; when unloaded, its nominal load
-    patch_force = max(P[p, patch.LOAD], P[p, patch.NOMINAL_LOAD]) + P[p, patch.MASS] * abs(y[6]) * square
-    patch_force += P[p, patch.DAMPING] * abs(P[p, patch.VELOCITY])
-    patch_force += P[p, patch.SPRING] * abs(P[p, patch.HEIGHT] - space.start[step_start.PLATE_HEIGHT])
-    forces = space.diagnostics[step_contacts.NORMAL_FORCE] + effect_size(b, context.E)
-    return forces + context.B[b, body.MASS] * move * square + P[p, patch.FREE] * patch_force
-
-
-@njit(**BARE)
 def rounding_force(context, b, alone, space):
     """Return the residual [N] caused by rounding of coordinates: overlaps are small differences of them.
 
-    Contacts with planes feel heights only, those with rough plates the place by the slope, those between bodies all coordinates.
+    Contacts with planes feel heights, those with rough plates the place by the slope, those between bodies all coordinates.
     """
     B, diagnostics = context.B, space.diagnostics
     far = abs(B[b, body.POSITION + 2])
@@ -133,8 +118,8 @@ def rounding_force(context, b, alone, space):
 def is_balanced(context, b, dt, fraction, minimum, space):
     """Return whether the residual on a body without inertia is at most `fraction` of its own forces; True with inertia.
 
-    Forces on its patch are excluded: otherwise a body that touches neither plate would count as balanced at any velocity. The
-    remaining residual moves the body by `fraction` of a contact radius at most. `minimum`: rounding error [N].
+    Without forces on its patch: else a body that touches neither plate would count as balanced at any velocity. The remaining
+    residual moves the body by `fraction` of a contact radius at most. `minimum`: rounding error [N].
     """
     if context.settings[step_settings.INERTIAL] != 0.0:
         return True
@@ -175,9 +160,18 @@ def measure(first, dt, context, island, scratch):
     `first`: these are the first ones of the step, whose forces are the scale.
     """
     square, smallest, solved, nearly, alone = 0.0, 1e300, True, True, island.n == 1
+    P, per_square = context.P, 1.0 / (dt * dt)
     for a in range(island.n):
         b, space = body_at(a, island), space_at(a, scratch)
-        now, scale = euclidean_norm(space.residual), force_scale(context, b, dt, space)
+        now, p, y = euclidean_norm(space.residual), context.patch[b], space.trial
+        # the scale: the sum of all acting forces, also of a patch without contacts; when unloaded, its nominal load
+        move = math.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2])
+        move += math.sqrt(y[3] * y[3] + y[4] * y[4] + y[5] * y[5])
+        patch_force = max(P[p, patch.LOAD], P[p, patch.NOMINAL_LOAD]) + P[p, patch.MASS] * abs(y[6]) * per_square
+        patch_force += P[p, patch.DAMPING] * abs(P[p, patch.VELOCITY])
+        patch_force += P[p, patch.SPRING] * abs(P[p, patch.HEIGHT] - space.start[step_start.PLATE_HEIGHT])
+        scale = space.diagnostics[step_contacts.NORMAL_FORCE] + effect_size(b, context.E)
+        scale = scale + context.B[b, body.MASS] * move * per_square + P[p, patch.FREE] * patch_force
         minimum = rounding_force(context, b, alone, space)
         enough = max(CONVERGED * scale, minimum)
         scratch.scales[a, 0] = scale
@@ -204,24 +198,9 @@ def effects_on(context, island):
 
 
 @njit(**BARE)
-def all_settled(context, island, scratch):
-    """Return whether the corrections of all bodies are negligible."""
-    V = context.settings
-    settled = V[step_settings.INERTIAL] != 0.0
-    for a in range(island.n):
-        space = space_at(a, scratch)
-        allowed = min(SETTLED * V[step_settings.TOLERANCE], SETTLED_RADII) * space.diagnostics[step_contacts.MAX_RADIUS]
-        balanced = euclidean_norm(space.residual) <= SETTLED_FORCE * scratch.scales[a, 0]
-        settled = settled and balanced and euclidean_norm(space.correction) <= allowed
-    return settled
-
-
-@njit(**BARE)
 def displacement(x, per_arm, r, upper):
-    """Return the displacement (3,) [m] relative to its plate of a point of the body by the correction x of the coordinates.
-
-    `per_arm`: one over the arm of the body [1/m]; `r`: the point from the centre of mass [m].
-    """
+    """Return the displacement (3,) [m] relative to its plate of the point r (3,) of the body by the correction x of its
+    coordinates; `per_arm`: one over the arm of the body [1/m]."""
     return (
         x[0] + (x[4] * r[2] - x[5] * r[1]) * per_arm,
         x[1] + (x[5] * r[0] - x[3] * r[2]) * per_arm,
@@ -275,8 +254,8 @@ def limit_reversal(q, moved, fraction, tile):
     """Return the fraction, at most `fraction`, of the correction, which moves contact q by `moved` (3,) [m], that does not
     reverse its slip, and ends just inside the friction limit.
 
-    Between the two slip directions a contact sticks. Where all others slip, that is often the solution, and a full correction
-    jumps over it.
+    Between the two slip directions a contact sticks. Where all others slip, that is often the solution, which a full correction
+    jumps over.
     """
     I, (_, e, g) = tile.inputs, frame_of(q, tile.geometry)  # noqa: E741
     s_x, s_y = I[law_input.SLIP_X * TILE + q], I[law_input.SLIP_Y * TILE + q]
@@ -359,7 +338,13 @@ def solve_island(motion, context, island, scratch):
         constant, effects = effects == effects_on(context, island), effects_on(context, island)
         if contracts and constant:
             solve_correction(False, island, scratch)
-            if all_settled(context, island, scratch):
+            settled = context.settings[step_settings.INERTIAL] != 0.0
+            for a in range(island.n):  # whether the corrections of all bodies are negligible
+                space, tolerance = space_at(a, scratch), SETTLED * context.settings[step_settings.TOLERANCE]
+                allowed = min(tolerance, SETTLED_RADII) * space.diagnostics[step_contacts.MAX_RADIUS]
+                balanced = euclidean_norm(space.residual) <= SETTLED_FORCE * scratch.scales[a, 0]
+                settled = settled and balanced and euclidean_norm(space.correction) <= allowed
+            if settled:
                 return Outcome.SOLVED, m, iterations
         if not last:
             assemble(m, False, motion, context, island, scratch)

@@ -22,13 +22,12 @@ from thirdbody.kernels.contact_geometry import SPARE, gather_pair_contacts, pair
 from thirdbody.kernels.explicit.contact_forces import BODY_FRACTION
 from thirdbody.kernels.implicit import books, contact, newton
 from thirdbody.kernels.implicit.contact import NOWHERE, contact_point, cross, dot, vector_at
-from thirdbody.kernels.implicit.curved import add_curved
-from thirdbody.kernels.implicit.jacobian import give_springs, tangents_at
+from thirdbody.kernels.implicit.jacobian import add_curved, give_springs, tangents_at
 from thirdbody.kernels.implicit.residual import complete_contact, law_at, observe_contact
-from thirdbody.kernels.implicit.tables import step_contacts, step_memory, step_settings, step_start
 from thirdbody.kernels.implicit.workspace import FREEDOMS, PART, STAGE, body_at, island_at, pair_at, pair_tile, space_at
 from thirdbody.kernels.plates import is_closed, surface_velocity, three
 from thirdbody.kernels.rolling_kinematics import has_moments, has_twist
+from thirdbody.kernels.step_tables import step_contacts, step_memory, step_settings, step_start
 from thirdbody.kernels.tables import body, body_extra, record, run_totals, sphere
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output
 from thirdbody.kernels.vectors import box_of, image
@@ -72,7 +71,6 @@ def wrench_of(f, point, partner_point, moment, context):
 
 @njit(**BARE)
 def pair_wrench(q, k, context, tile):
-    """Return the `wrench_of` contact q, candidate k."""
     S, G, moment = context.S, tile.geometry, contact.contact_moment(q, context, tile) if has_moments(context) else NOWHERE
     point, partner = contact_point(q, context.own[k], S, G), partner_point(q, context.partner[k], S, G)
     return wrench_of(contact.contact_force(q, tile), point, partner, moment, context)
@@ -80,8 +78,7 @@ def pair_wrench(q, k, context, tile):
 
 @njit(**BARE_CHUNK)
 def evaluate_pairs(context, island, motion, scratch):
-    """Gather the contacts of the island between bodies into tiles; add their forces to the residuals of both. Return their
-    number."""
+    """Gather the contacts of the island between bodies into tiles; add their forces to both residuals. Return their number."""
     m, S, box = np.int64(0), context.S, box_of(context.D)
     for e in range(island.n_pairs):
         k = pair_at(e, island)
@@ -127,8 +124,7 @@ def relative_move(a, point, b, other_point, scratch):
 
 @njit(**BARE_CHUNK)
 def limit_pairs(context, island, m, fraction, scratch):
-    """Return the fraction, at most `fraction`, of the correction for which no pair sinks in too far, and none of the m contacts
-    reverses its slip."""
+    """Return the fraction, at most `fraction`, of the correction by which no pair sinks in too far and no slip reverses."""
     S, expected, box = context.S, context.settings[step_settings.EXPECTED_OVERLAP], box_of(context.D)
     for e in range(island.n_pairs):
         k = pair_at(e, island)
@@ -173,7 +169,6 @@ def add_tangents(m, dt, context, island, scratch):
 
 @njit(**BARE)
 def pair_opening_work(k, context, motion):
-    """Return the `books.opening_work` [J] of candidate k."""
     S, j, (overlap, n) = context.S, context.partner[k], pair_overlap(k, context, box_of(context.D))
     s = S[j, sphere.RADIUS]
     u = surface_velocity(j, S, books.STEP_COLUMNS, (s * n[0], s * n[1], s * n[2]))
@@ -203,17 +198,12 @@ def pair_work_errors(context, island, m, motion, scratch):
 
 
 @njit(**BARE)
-def work_on(a, force, torque, scratch):
-    """Return the work [J] in the step of a force and a torque on the body at position a."""
-    y, per_arm = space_at(a, scratch).y, 1.0 / scratch.starts[a, step_start.ARM]
-    return dot(force, (y[0], y[1], y[2])) + dot(torque, (y[3], y[4], y[5])) * per_arm
-
-
-@njit(**BARE)
 def works_on(a, b, wrench, scratch):
-    """Return the works [J] in the step of a force on body a and its opposite on body b, with a torque on each."""
-    f, torque, back = wrench
-    return work_on(a, f, torque, scratch), work_on(b, (-f[0], -f[1], -f[2]), back, scratch)
+    """Return the works [J] in the step of a force on the body at position a, its opposite on that at b, and a torque on each."""
+    (f, torque, back), y, z = wrench, space_at(a, scratch).y, space_at(b, scratch).y
+    per_a, per_b = 1.0 / scratch.starts[a, step_start.ARM], 1.0 / scratch.starts[b, step_start.ARM]
+    on_a = dot(f, (y[0], y[1], y[2])) + dot(torque, (y[3], y[4], y[5])) * per_a
+    return on_a, dot((-f[0], -f[1], -f[2]), (z[0], z[1], z[2])) + dot(back, (z[3], z[4], z[5])) * per_b
 
 
 @njit(**BARE)
@@ -243,31 +233,6 @@ def add_losses(b, friction, damped, lost, context):
     context.B[b, body.FRICTION_WORK] += BODY_FRACTION * friction
 
 
-@njit(**BARE)
-def accept_closed(q, tile, context, island, scratch, smooth):
-    """Add contact q of a tile to both bodies. `smooth`: see `accept_pairs`."""
-    (_, _, a, b), O, B = ends_of(tile.slots[q], context, island), tile.outputs, context.B  # noqa: E741
-    wrench, b_i, b_j = pair_wrench(q, tile.slots[q], context, tile), body_at(a, island), body_at(b, island)
-    (mean_a, mean_b), weight = works_of_old(tile.slots[q], a, b, context, scratch), 0.5 if smooth else 0.0
-    end_a, end_b = works_on(a, b, wrench, scratch)
-    mean_a, mean_b = weight * mean_a + (1.0 - weight) * end_a, weight * mean_b + (1.0 - weight) * end_b
-    part = abs(mean_a) / max(abs(mean_a) + abs(mean_b), 1e-300)
-    friction, damped = O[law_output.DISSIPATED * TILE + q], O[law_output.DASHPOT_POWER * TILE + q]
-    stored = O[law_output.STORED_NORMAL * TILE + q] + O[law_output.STORED_TANGENTIAL * TILE + q]
-    lost = -(mean_a + mean_b) - (stored - books.stored_energy(tile.slots[q], context)) - friction - damped
-    add_losses(b_i, friction, damped, part * lost + mean_a - end_a, context)
-    add_losses(b_j, friction, damped, (1.0 - part) * lost + mean_b - end_b, context)
-    for c, sign, torque in ((b_i, 1.0, wrench[1]), (b_j, -1.0, wrench[2])):
-        for d in range(3):
-            B[c, body.FORCE + d] += sign * wrench[0][d]
-            B[c, body.TORQUE + d] += torque[d]
-        if context.loss_column >= 0:
-            context.E[c, body_extra.NORMAL_LOSS] += BODY_FRACTION * normal_loss_of(q, context.loss_column, tile)
-        B[c, body.SLIP_DISTANCE] += O[law_output.SLIP * TILE + q]
-        T = context.memory[c]
-        T[step_memory.MAX_ENERGY] = max(T[step_memory.MAX_ENERGY], books.contact_energy(q, tile))
-
-
 @njit(**BARE_CHUNK)
 def accept_pairs(context, island, m, motion, scratch):
     """Accept the m contacts between bodies, after the step of the bodies themselves was accepted."""
@@ -292,7 +257,26 @@ def accept_pairs(context, island, m, motion, scratch):
         tile, n = pair_tile(t, m, scratch)
         books.book_at(context.book_contacts)(n, context.initial_overlaps, np.int64(0), smooth, motion.dt, context, tile)
         for q in range(n):
-            accept_closed(q, tile, context, island, scratch, smooth)
+            (_, _, a, b), O, B = ends_of(tile.slots[q], context, island), tile.outputs, context.B  # noqa: E741
+            wrench, b_i, b_j = pair_wrench(q, tile.slots[q], context, tile), body_at(a, island), body_at(b, island)
+            mean_a, mean_b = works_of_old(tile.slots[q], a, b, context, scratch)
+            end_a, end_b = works_on(a, b, wrench, scratch)
+            mean_a, mean_b = weight * mean_a + (1.0 - weight) * end_a, weight * mean_b + (1.0 - weight) * end_b
+            part = abs(mean_a) / max(abs(mean_a) + abs(mean_b), 1e-300)
+            friction, damped = O[law_output.DISSIPATED * TILE + q], O[law_output.DASHPOT_POWER * TILE + q]
+            stored = O[law_output.STORED_NORMAL * TILE + q] + O[law_output.STORED_TANGENTIAL * TILE + q]
+            lost = -(mean_a + mean_b) - (stored - books.stored_energy(tile.slots[q], context)) - friction - damped
+            add_losses(b_i, friction, damped, part * lost + mean_a - end_a, context)
+            add_losses(b_j, friction, damped, (1.0 - part) * lost + mean_b - end_b, context)
+            for c, sign, torque in ((b_i, 1.0, wrench[1]), (b_j, -1.0, wrench[2])):
+                for d in range(3):
+                    B[c, body.FORCE + d] += sign * wrench[0][d]
+                    B[c, body.TORQUE + d] += torque[d]
+                if context.loss_column >= 0:
+                    context.E[c, body_extra.NORMAL_LOSS] += BODY_FRACTION * normal_loss_of(q, context.loss_column, tile)
+                B[c, body.SLIP_DISTANCE] += O[law_output.SLIP * TILE + q]
+                T = context.memory[c]
+                T[step_memory.MAX_ENERGY] = max(T[step_memory.MAX_ENERGY], books.contact_energy(q, tile))
         books.write_at(context.write_contacts)(n, motion, context, tile)
 
 

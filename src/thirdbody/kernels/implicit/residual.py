@@ -19,10 +19,10 @@ from thirdbody.kernels.arguments import EFFECTS, LAW, Motion
 from thirdbody.kernels.bodies import BodyMotion, place_body, quaternion
 from thirdbody.kernels.contact_geometry import gather_plate_contact, padded, slip_increment, transport_frames
 from thirdbody.kernels.implicit.contact import closed_fraction, contact_force, contact_moment, contact_point, depth_at
-from thirdbody.kernels.implicit.tables import step_contacts, step_memory, step_settings, step_start
 from thirdbody.kernels.implicit.workspace import FREEDOMS, STAGE, body_at, call_part, last_candidate, space_at, update_rough
 from thirdbody.kernels.plates import is_upper
 from thirdbody.kernels.rolling_kinematics import gather_rolling, has_moments, has_twist
+from thirdbody.kernels.step_tables import step_contacts, step_memory, step_settings, step_start
 from thirdbody.kernels.tables import body, body_extra, domain, orientation, patch, run_totals, sphere, surface_contact
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output, rolling_input
 from thirdbody.kernels.vectors import matrix, rotate
@@ -78,11 +78,8 @@ def set_configuration(context, b, y, dt, space):
     for k in range(4):
         context.orientations[b, orientation.QUATERNION + k] = q[k]
     w = (y[3] * per_arm * inverse, y[4] * per_arm * inverse, y[5] * per_arm * inverse)
-    w_end = (
-        (now * y[3] - last * T[before + 3]) * per_arm,
-        (now * y[4] - last * T[before + 4]) * per_arm,
-        (now * y[5] - last * T[before + 5]) * per_arm,
-    )
+    w_end = now * y[3] - last * T[before + 3], now * y[4] - last * T[before + 4], now * y[5] - last * T[before + 5]
+    w_end = w_end[0] * per_arm, w_end[1] * per_arm, w_end[2] * per_arm
     v_end = (now * y[0] - last * T[before], now * y[1] - last * T[before + 1], now * y[2] - last * T[before + 2])
     x, v = plates.three(B, b, body.POSITION), plates.three(B, b, body.VELOCITY)
     place_body(b, context.start, context.offsets, context.S, BodyMotion(x, q, v, w, v_end, w_end), dt)
@@ -179,10 +176,8 @@ def observe_contact(q, k, radius, tile, diagnostics):
 
 @njit(**BARE)
 def residual(a, m, motion, context, island, scratch):
-    """Write the residual (7,) [N] of the body at position a and its patch with m contacts with plates, in the trial.
-
-    Sums and maxima over the contacts are written to its `diagnostics`.
-    """
+    """Write the residual (7,) [N] of the body at position a and its patch with m contacts with plates, in the trial; sums and
+    maxima over the contacts to its `diagnostics`."""
     b, space = body_at(a, island), space_at(a, scratch)
     r, diagnostics, S = space.residual, space.diagnostics, context.S
     call_part(context.spots_part, STAGE.RELIEVE, a, m, motion, context, island, scratch)
@@ -235,9 +230,9 @@ def add_force(f, point, upper, r):
 
 @njit(**BARE)
 def gradient_force(k, energy, context):
-    """Return the force (3,) [N] of candidate k, a contact with a rough plate, as its effective radius changes along the surface.
+    """Return the force (3,) [N] of candidate k on the centre of its sphere as the effective radius changes along a rough plate.
 
-    It acts on the centre of the sphere. `energy`: of its normal spring [J]. See `contact_geometry.add_gradient_force`.
+    `energy`: of its normal spring [J]. See `contact_geometry.add_gradient_force`.
     """
     x, y, z = plates.three(context.Q, k, surface_contact.GRADIENT)
     return -0.5 * energy * x, -0.5 * energy * y, -0.5 * energy * z
@@ -247,9 +242,8 @@ def gradient_force(k, energy, context):
 def add_inertial_forces(context, b, dt, space):
     """Subtract inertial forces from the residual; add load, dashpot, spring and inertia of the patch.
 
-    Without inertia (`step_settings.INERTIAL` = 0) every step begins at rest. A weak spring to the start position (TETHER) then
-    makes the position of a body that slides on all its contacts unique, and a fraction of the mass (MASS_FRACTION) limits jumps
-    within a step.
+    Without inertia every step begins at rest. A weak spring to the start position (TETHER) then makes the position of a body that
+    slides on all its contacts unique, and a fraction of the mass (MASS_FRACTION) limits jumps within a step.
     """
     p, Z, T, B, P, y, r = context.patch[b], space.start, context.memory[b], context.B, context.P, space.trial, space.residual
     inertial, l_1 = context.settings[step_settings.INERTIAL], momentum_of(b, context)

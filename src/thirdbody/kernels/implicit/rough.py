@@ -18,11 +18,11 @@ from thirdbody.kernels import minima, plates
 from thirdbody.kernels.closest_point import Foot, inverse_of, log_radius_gradient, matrix_of
 from thirdbody.kernels.height_field import has_heights, jet_at, rounded_jet, within_period
 from thirdbody.kernels.implicit.contact import ZERO_TENSOR, add_plane, cross, difference, plate_contact, scaled_sum
-from thirdbody.kernels.implicit.curved import add_curved
-from thirdbody.kernels.implicit.tables import step_memory
+from thirdbody.kernels.implicit.jacobian import add_curved
 from thirdbody.kernels.implicit.workspace import FREEDOMS, PART, STAGE, UPDATE_MINIMA, body_at, island_at, space_at, update_rough
 from thirdbody.kernels.minima import end_minimum, has_minimum, offset_of
 from thirdbody.kernels.plates import BASINS, is_upper
+from thirdbody.kernels.step_tables import step_memory
 from thirdbody.kernels.tables import domain, height_field, sphere, surface_contact
 
 STEP = 1e-4
@@ -45,8 +45,8 @@ def gradient_above(field, p_x, p_y, distance, radius):
 def write_gradient_change(k, field, x, radius, upper, Q):
     """Write the derivative of the gradient of ln R_eff with the place of the sphere into row k; x (3,): its centre.
 
-    Differences along the two axes of the surface and along the normal: of the point below the sphere, so that no closest point is
-    searched for. With displacements c_i and changes g_i the derivative is the sum of g_i w_i, of the vectors w_i dual to c_i.
+    Differences along the two axes of the surface and along the normal, of the point below the sphere: no closest point is
+    searched for. With displacements c_i and changes g_i it is the sum of g_i w_i, of the vectors w_i dual to c_i.
     """
     p_x = within_period(x[0], field[height_field.LENGTH_X]) + Q[k, surface_contact.OFFSET]
     p_y = within_period(x[1], field[height_field.LENGTH_Y]) + Q[k, surface_contact.OFFSET + 1]
@@ -84,10 +84,8 @@ def moved_square(k, Q):
 
 @njit(**BARE_CHUNK)
 def follow_step(k, field, x, ends, tables):
-    """Move all minima of the sphere whose first row is k from the start of the step to where they are for a centre x (3,).
-
-    Of two that meet, the one that moved farther is apart, at an infinite distance; with `ends` it ends.
-    """
+    """Move all minima of the sphere whose first row is k from the start of the step to where they are for a centre x (3,); of two
+    that meet, the one that moved farther is apart, at an infinite distance; with `ends` it ends."""
     Q, (d_x, d_y, d_z) = tables.Q, difference(x, plates.three(tables.Q, k, surface_contact.START_CENTRE))
     path = math.sqrt(d_x * d_x + d_y * d_y + d_z * d_z)
     far = FAR * tables.S[tables.own[k], sphere.RADIUS] + tables.D[domain.REACH] if has_heights(field) else math.inf
@@ -154,10 +152,8 @@ def update_minima(stage, first, last, tables):
 
 @njit(**BARE_CHUNK)
 def sort_candidates(b, context):
-    """Move the candidates of body b that can touch in this step to the front, and note their number.
-
-    They are those of a flat plate, and rows that have a minimum or had one at the start of the last step.
-    """
+    """Move the candidates of body b that can touch in this step to the front, and note their number: those of a flat plate, and
+    rows that have a minimum or had one at the start of the last step."""
     Q, low, high = context.Q, context.plate_edges[b], context.plate_edges[b + 1]
     e, count = low, 0
     for here in (True, False):

@@ -11,12 +11,11 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, POINTED, entry
 from thirdbody.kernels import plates
-from thirdbody.kernels.close_spots import add_interaction_energy, relieve, restore, spots_of
+from thirdbody.kernels.close_spots import NEAR, SWEEPS, add_interaction_energy, relieve, restore, solve_body, spots_of
 from thirdbody.kernels.implicit.contact import contact_point, cross, frame_of, scaled_sum
 from thirdbody.kernels.implicit.residual import add_force
 from thirdbody.kernels.implicit.workspace import FREEDOMS, PART, STAGE, space_at
 from thirdbody.kernels.plates import is_lower, is_upper
-from thirdbody.kernels.spot_loads import NEAR, SWEEPS, solve_body
 from thirdbody.kernels.tables import sphere
 from thirdbody.kernels.tile import TILE, contact_tangent, geometry
 
@@ -41,22 +40,10 @@ def strain_of(q, context, space):
     return -n[0], -n[1], -n[2], -x, -y, -z, n[2] if is_upper(context.partner[k]) else 0.0
 
 
-@njit(**BARE)
-def compliance_between(p, q, context, space):
-    """Return g of two contacts with plates [m/N]; 0 on two sides."""
-    i, j, partner = context.own[space.slots[p]], context.own[space.slots[q]], context.partner
-    low = is_lower(partner[space.slots[p]])
-    if low != is_lower(partner[space.slots[q]]):
-        return 0.0
-    S = context.S
-    apart = math.hypot(S[i, sphere.ARM] - S[j, sphere.ARM], S[i, sphere.ARM + 1] - S[j, sphere.ARM + 1])
-    return context.interaction[0 if low else 1] / max(apart, NEAR * min(S[i, sphere.RADIUS], S[j, sphere.RADIUS]))
-
-
 @njit(**BARE_CHUNK)
 def relieved_strains(m, context, space):
     """Write the changes of the relieved overlaps of m contacts with the coordinates into the tile."""
-    K, at = space.tangents, contact_tangent.RELIEVED * TILE
+    K, S, at = space.tangents, context.S, contact_tangent.RELIEVED * TILE
     for q in range(m):
         strain = strain_of(q, context, space)
         for c in range(FREEDOMS):
@@ -66,8 +53,12 @@ def relieved_strains(m, context, space):
         for q in range(m):
             strain = strain_of(q, context, space)
             for p in range(m):
-                g = compliance_between(p, q, context, space) if p != q else 0.0
-                if g > 0.0:
+                i, j = context.own[space.slots[p]], context.own[space.slots[q]]
+                low = is_lower(context.partner[space.slots[p]])
+                if p != q and low == is_lower(context.partner[space.slots[q]]):  # on one side
+                    apart = math.hypot(S[i, sphere.ARM] - S[j, sphere.ARM], S[i, sphere.ARM + 1] - S[j, sphere.ARM + 1])
+                    near = NEAR * min(S[i, sphere.RADIUS], S[j, sphere.RADIUS])
+                    g = context.interaction[0 if low else 1] / max(apart, near)
                     x, w, k = strain, g * stiffness_of(p, context, space), at + p
                     strain = (
                         x[0] - w * K[k], x[1] - w * K[k + TILE], x[2] - w * K[k + 2 * TILE], x[3] - w * K[k + 3 * TILE],

@@ -16,9 +16,8 @@ from thirdbody.jit.options import BARE
 from thirdbody.kernels import arguments, plates
 from thirdbody.kernels.arguments import Motion
 from thirdbody.kernels.contact_geometry import SPARE
-from thirdbody.kernels.explicit.tables import contact_sums
-from thirdbody.kernels.implicit.tables import step_contacts, step_memory, step_start
 from thirdbody.kernels.minima import UPDATE, RoughPlates
+from thirdbody.kernels.step_tables import contact_sums, step_contacts, step_memory, step_start
 from thirdbody.kernels.tables import observed_body
 from thirdbody.kernels.tile import TILE, contact_tangent, geometry, law_input, law_output, rolling_input, rolling_output
 
@@ -222,13 +221,11 @@ class Island(NamedTuple):
 
 @njit(**BARE)
 def unpack(packed, tables, packed_scratch):
-    """Return context, tables of the islands and scratch of a thread."""
     return context_of(packed), islands_of(tables), scratch_of(packed_scratch)
 
 
 @njit(**BARE)
 def island_at(h, islands):
-    """Return island h."""
     low, first = islands.body_edges[h], islands.pair_edges[h]
     n, n_pairs = islands.body_edges[h + 1] - low, islands.pair_edges[h + 1] - first
     return Island(h, low, n, first, n_pairs, FREEDOMS * (islands.widths[h] + 1) - 1, islands)
@@ -241,7 +238,6 @@ def body_at(a, island):
 
 @njit(**BARE)
 def pair_at(e, island):
-    """Return candidate e between bodies of the island."""
     return island.all.pairs[island.first_pair + e]
 
 

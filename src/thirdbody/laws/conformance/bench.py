@@ -27,15 +27,11 @@ from thirdbody.laws.generated import plain
 from thirdbody.laws.hertz import HERTZ, HertzParameters
 
 Array = NDArray[np.float64]
-Result = tuple[bool, str]
-"""Whether a test has passed, and a detail: the worst case, or what is wrong."""
+Result = tuple[bool, str]  # whether a test has passed, and a detail: the worst case, or what is wrong
 
 SEED = 20240501
-SPAN = 1e-3
-"""Duration of one straight segment of a path [s]; sets the velocities only."""
-
-REPEATS = 4
-"""Most paths for each setting and lane."""
+SPAN = 1e-3  # duration of one straight segment of a path [s]; sets the velocities only
+REPEATS = 4  # most paths for each setting and lane
 
 STEEL = Material("steel", 80e9, 0.3, 7850.0)
 CERAMIC = Material("ceramic", 120e9, 0.2, 3900.0)
@@ -60,8 +56,7 @@ TYPICAL = {
 """Value in SI for an option without a default, by its dimension; 0.1 for any other."""
 
 
-SLOPE = 20.0
-"""Contact radius over overlap of the cone."""
+SLOPE = 20.0  # contact radius over overlap of the cone
 
 
 @kernel
@@ -144,7 +139,7 @@ SHEAR = {
 """What stands for force and limit of a law of moments, over R*; the second component of a twisting law is zero."""
 
 
-class Contacts(NamedTuple):
+class Inputs(NamedTuple):
     """Input of a tile, SI: overlap (T, TILE), slip (T, 2, TILE), separation speed, slip velocity."""
 
     overlap: Array
@@ -183,7 +178,7 @@ class Bench:
         """Return a number of each setting as (REPEATS * T, 1)."""
         return np.resize(np.array([*values], float), (REPEATS * len(self.settings), 1))
 
-    def inputs(self, requested: Contacts, history: Array) -> Array:
+    def inputs(self, requested: Inputs, history: Array) -> Array:
         """Return the tiles in the engine's layout, (T, fields, TILE)."""
         tiles, end = len(requested.overlap), law_input.HISTORY + self.width
         radius = self.radius[:tiles]
@@ -203,7 +198,7 @@ class Bench:
             I[:, end + rolling_input.TWIST_RATE] = requested.v[:, 0] / radius
         return I
 
-    def call(self, requested: Contacts, history: Array, law: Callable | None = None) -> tuple[Array, Array]:
+    def call(self, requested: Inputs, history: Array, law: Callable | None = None) -> tuple[Array, Array]:
         """Return results (T, 13, TILE) by `columns.law_output`, and the new history (T, h, TILE)."""
         I = self.inputs(requested, history)  # noqa: E741
         end = law_output.HISTORY + self.width
@@ -244,11 +239,10 @@ class Bench:
         return run
 
 
-COMPILER_IS_OFF = plain(HERTZ.kernel) is HERTZ.kernel
-"""Whether numba is disabled and all functions run in the interpreter."""
+COMPILER_IS_OFF = plain(HERTZ.kernel) is HERTZ.kernel  # whether numba is disabled and all functions run in the interpreter
 
 
-class Path(NamedTuple):
+class ContactPath(NamedTuple):
     """Piecewise straight paths from the virgin state: overlap (k, T, TILE) and slip (k, T, 2, TILE) at the corners [m].
 
     `start`: overlap at the start, zero or (T, 1).
@@ -259,16 +253,16 @@ class Path(NamedTuple):
     start: Array | float = 0.0
 
 
-class Moment(NamedTuple):
+class Instant(NamedTuple):
     """One step of a path: input, history before it, result. Open contacts have the result zero."""
 
-    requested: Contacts
+    requested: Inputs
     before: Array
     answer: Array
     after: Array
 
 
-def follow_path(bench: Bench, path: Path, m: int) -> Iterator[Moment]:
+def follow_path(bench: Bench, path: ContactPath, m: int) -> Iterator[Instant]:
     """Run the law along the paths, in m equal steps per segment, as the engine does: open contacts lose their history."""
     tiles = len(path.overlap[0])
     history, outermost = bench.virgin(tiles), bench.outermost[:tiles]
@@ -276,16 +270,16 @@ def follow_path(bench: Bench, path: Path, m: int) -> Iterator[Moment]:
     for new, to_slip in zip(path.overlap, path.slip, strict=True):
         for i in range(1, m + 1):
             overlap = old + (new - old) * (i / m)
-            requested = Contacts(overlap, (to_slip - at_slip) / m, (old - new) / SPAN, (to_slip - at_slip) / SPAN)
+            requested = Inputs(overlap, (to_slip - at_slip) / m, (old - new) / SPAN, (to_slip - at_slip) / SPAN)
             is_open = (overlap <= outermost)[:, None]
             idle = requested._replace(overlap=np.where(is_open[:, 0], 1e-3 * bench.radius[:tiles], overlap))
             answer, after = (np.where(is_open, 0.0, result) for result in bench.call(idle, history))
-            yield Moment(requested, history, answer, after)
+            yield Instant(requested, history, answer, after)
             history = after
         old, at_slip = new, to_slip
 
 
-def random_paths(bench: Bench, corners: int, repeats: int = 1, resolved: bool = False) -> Path:
+def random_paths(bench: Bench, corners: int, repeats: int = 1, resolved: bool = False) -> ContactPath:
     """Random corners: overlap 1e-6 to 0.03 radii, one in eight apart; a third of the paths have their slip on a line.
 
     Corners apart are beyond touch and, where the law has a reach, from touch to twice the reach.
@@ -305,7 +299,7 @@ def random_paths(bench: Bench, corners: int, repeats: int = 1, resolved: bool = 
     by_overlap = np.clip(friction, 0.02, 3.0) * deepest * 10.0 ** rng.uniform(-1.5, 1.0, lanes)
     by_radius = radius * 10.0 ** rng.uniform(-5.0, -1.0, lanes)
     still, none = np.zeros(lanes), np.zeros((tiles, 2, TILE))
-    critical = bench.call(Contacts(deepest, none, still, none), bench.virgin(tiles))[0][:, law_output.CRITICAL_SLIP]
+    critical = bench.call(Inputs(deepest, none, still, none), bench.virgin(tiles))[0][:, law_output.CRITICAL_SLIP]
     critical = np.where(np.isfinite(critical), critical, 0.0)
     by_critical = np.where(critical > 0.0, critical * 10.0 ** rng.uniform(-1.5, 1.0, lanes), by_overlap)
     size = np.where(scale == 0, by_overlap, np.where(scale == 1, by_radius, by_critical))
@@ -314,10 +308,10 @@ def random_paths(bench: Bench, corners: int, repeats: int = 1, resolved: bool = 
     angle = rng.uniform(0.0, 2.0 * np.pi, lanes)
     line = np.stack([np.cos(angle), np.sin(angle)], 1)
     on_line = np.sum(slip * line, 2, keepdims=True) * line
-    return Path(overlap, np.where(rng.random((tiles, 1, TILE)) < 0.3, on_line, slip))
+    return ContactPath(overlap, np.where(rng.random((tiles, 1, TILE)) < 0.3, on_line, slip))
 
 
-def closed_cycles(bench: Bench) -> Path:
+def closed_cycles(bench: Bench) -> ContactPath:
     """Press, shear, change the overlap, shear back, return: with less overlap (C1) or more (C2) on the return.
 
     On these paths the form F = k_t(d) xi creates the energy (k_1 - k_0) U^2/2 (Elata and Berryman 1996).
@@ -331,10 +325,10 @@ def closed_cycles(bench: Bench) -> Path:
     shear = np.minimum(bench.friction[:tiles], 1.0) * high * 10.0 ** rng.uniform(-1.5, 0.5, high.shape)
     slip = np.zeros((5, tiles, 2, TILE))
     slip[1:3, :, 0] = shear
-    return Path(overlap, slip)
+    return ContactPath(overlap, slip)
 
 
-def extremes(bench: Bench, count: int) -> list[Contacts]:
+def extremes(bench: Bench, count: int) -> list[Inputs]:
     """Successive contacts, with every quantity drawn from zero, ordinary and absurd values."""
     rng = np.random.default_rng(SEED + 2)
     tiles = len(bench.settings)
@@ -347,7 +341,7 @@ def extremes(bench: Bench, count: int) -> list[Contacts]:
         return rng.choice(values, shape) * rng.choice([-1.0, 1.0], shape)
 
     return [
-        Contacts(
+        Inputs(
             radius * rng.choice(overlaps, lanes), radius[:, None] * signed(slips, wide), signed(fast, lanes), signed(fast, wide)
         )
         for _ in range(count)

@@ -18,7 +18,7 @@ from thirdbody.laws.conformance.bench import (
     SPAN,
     Array,
     Bench,
-    Path,
+    ContactPath,
     Result,
     closed_cycles,
     follow_path,
@@ -29,11 +29,8 @@ from thirdbody.laws.data import Contact, Load, Turn, Twist
 from thirdbody.laws.generated import plain
 from thirdbody.laws.hertz import HERTZ
 
-ROUND_OFF = 1e-9
-"""Energy due to round-off over all the work done: some hundred steps of 1e-16, amplified by friction of 1e9."""
-
-FASTER = 2.0
-"""Factor by which four times finer steps must reduce a truncation error: order 1 gives 4, kinks cost some of it."""
+ROUND_OFF = 1e-9  # energy due to round-off over all the work done: some hundred steps of 1e-16, amplified by friction of 1e9
+FASTER = 2.0  # factor by which four times finer steps must reduce a truncation error: order 1 gives 4, kinks cost some of it
 
 
 class Account(NamedTuple):
@@ -44,7 +41,7 @@ class Account(NamedTuple):
     negative: Array  # most negative dissipation of a step
 
 
-def account(bench: Bench, path: Path, m: int) -> Account:
+def account(bench: Bench, path: ContactPath, m: int) -> Account:
     """Follow the paths and sum their energies. A contact that opens dissipates the energy of its tangential spring."""
     tangential = bench.sheared
     column = law_output.STORED_TANGENTIAL if tangential else law_output.STORED_NORMAL
@@ -52,8 +49,8 @@ def account(bench: Bench, path: Path, m: int) -> Account:
     work, total, heat, stored, built, negative = zero, zero, zero, zero, zero, zero
     outermost = bench.outermost[: len(path.overlap[0])]
     depth, force = zero + outermost, zero
-    for moment in follow_path(bench, path, m):
-        answer, requested = moment.answer, moment.requested
+    for instant in follow_path(bench, path, m):
+        answer, requested = instant.answer, instant.requested
         new_depth = np.maximum(requested.overlap, outermost)
         if tangential:
             done = -np.sum(answer[:, law_output.TANGENTIAL_X : law_output.TANGENTIAL_Y + 1] * requested.slip, 1)
@@ -106,7 +103,7 @@ def ledger(bench: Bench) -> Result:
     return not len(bad), report + (f", {bench.settings[tile].label}" if len(bad) else "")
 
 
-def touching(bench: Bench, path: Path) -> Path:
+def touching(bench: Bench, path: ContactPath) -> ContactPath:
     """Return the same paths from where the law begins to act, and with open corners moved there: no step is partly outside."""
     outermost = bench.outermost[: len(path.overlap[0])]
     return path._replace(overlap=np.maximum(path.overlap, outermost), start=outermost)
@@ -177,14 +174,14 @@ def samples(bench: Bench) -> list[Sample]:
     first = bench.chain.first_of(bench.law)
     own = slice(first, first + len(bench.law.memory()))
     result: list[Sample] = []
-    for moment in follow_path(bench, random_paths(bench, 3), 4):
-        I = bench.inputs(moment.requested, moment.before)  # noqa: E741
+    for instant in follow_path(bench, random_paths(bench, 3), 4):
+        I = bench.inputs(instant.requested, instant.before)  # noqa: E741
         for k in usual:
             for lane in rng.integers(TILE, size=3):
                 numbers = I[k, :, lane].tolist()
                 if numbers[law_input.OVERLAP] > bench.outermost[k, 0]:
                     contact = Contact._make((*numbers[: law_input.PAIR_TYPE], 0.0, 0.0, 0.0))
-                    result.append(Sample(bench, k, contact, tuple(moment.before[k, own, lane].tolist())))
+                    result.append(Sample(bench, k, contact, tuple(instant.before[k, own, lane].tolist())))
     return result
 
 

@@ -2,7 +2,7 @@
 
 Laws are run through the same composed, compiled tile function as in a simulation; measures, body effects and labellers compiled
 as in a run, and in plain Python; interactions of spots in plain Python: what is solved with their two numbers is the engine's
-(`kernels.spot_loads`), and conservative for any numbers that pass. Tests that do not apply to a part are omitted.
+(`kernels.close_spots`), and conservative for any numbers that pass. Tests that do not apply to a part are omitted.
 """
 
 import math
@@ -27,11 +27,8 @@ from thirdbody.laws.hertz import HERTZ
 from thirdbody.laws.measures import MEAN, Measure, by_kind, compose_measures, layout_of
 
 Cases = Iterator[tuple[str, Result]]
-Tests = dict[str, Callable[[], Result | Cases]]
-"""Tests of a part by name: each returns a result, or yields cases with theirs."""
-
-ROUND_OFF = 1e-12
-"""Relative difference between a compiled kernel and the same in Python: some contracted products."""
+Tests = dict[str, Callable[[], Result | Cases]]  # tests of a part by name: each returns a result, or yields cases with theirs
+ROUND_OFF = 1e-12  # relative difference between a compiled kernel and the same in Python: some contracted products
 
 ELASTIC = ("normal", "adhesion", "tangential", "rolling", "twisting")
 VISCOUS = ("damping", "tangential_damping")
@@ -215,8 +212,7 @@ BODIES = {
     "a body that moves": Body(1e-12, 1e-5, -1e-5, 5e-6, 0.1, -0.2, 0.3, 1e4, -2e4, 3e4, 1e-23, 1e-6),
     "a body at rest": Body(1e-12, 1e-5, -1e-5, 5e-6, *(0.0,) * 6, 1e-23, 0.0),
 }
-TOTAL = Wrench(1e-11, -2e-11, 3e-11, 1e-16, -2e-16, 3e-16)
-"""Force and torque of the contacts, for effects that see them."""
+TOTAL = Wrench(1e-11, -2e-11, 3e-11, 1e-16, -2e-16, 3e-16)  # force and torque of the contacts, for effects that see them
 
 
 def _of_effect(effect: BodyEffect) -> Tests:
@@ -282,8 +278,7 @@ def _of_labeller(labeller: Labeller) -> Tests:
 
 # -- interactions of spots
 
-OVERLAP = 1e-4
-"""Over the radius, of the contact in which forces are compared."""
+OVERLAP = 1e-4  # over the radius, of the contact in which forces are compared
 
 
 def _of_spots(effect: SpotInteraction) -> Tests:

@@ -12,19 +12,16 @@ from thirdbody.laws.conformance.bench import (
     COMPILER_IS_OFF,
     Array,
     Bench,
-    Contacts,
-    Path,
+    ContactPath,
+    Inputs,
     Result,
     extremes,
     follow_path,
     random_paths,
 )
 
-ROUND_OFF = 1e-12
-"""Relative difference due to a few thousand round-offs of double precision."""
-
-ROTATED = 1e-9
-"""The same for a rotated path: a cosine per step, amplified by friction's return by the trial over the limit."""
+ROUND_OFF = 1e-12  # relative difference due to a few thousand round-offs of double precision
+ROTATED = 1e-9  # the same for a rotated path: a cosine per step, amplified by friction's return by the trial over the limit
 
 FORCES = [
     law_output.NORMAL_FORCE, law_output.TANGENTIAL_X, law_output.TANGENTIAL_Y, law_output.LOAD, law_output.FRICTION_LIMIT,
@@ -55,8 +52,8 @@ def no_touch(bench: Bench) -> Result:
     path = random_paths(bench, 3)
     tiles = len(bench.settings)
     apart = bench.outermost[:tiles] * np.where(np.arange(TILE) % 2 == 0, 1.0, 1.5)
-    moved = Contacts(apart, path.slip[0], -np.abs(path.overlap[0]) * 1e3, path.slip[0] * 1e3)
-    memories = [bench.virgin(tiles), *(moment.after for moment in follow_path(bench, path, 2))]
+    moved = Inputs(apart, path.slip[0], -np.abs(path.overlap[0]) * 1e3, path.slip[0] * 1e3)
+    memories = [bench.virgin(tiles), *(instant.after for instant in follow_path(bench, path, 2))]
     for memory in memories:
         answer, _ = bench.call(moved, memory)
         for tile, k, lane in np.argwhere(answer[:, FORCES] != 0.0):  # a NaN counts
@@ -78,7 +75,7 @@ def swap(bench: Bench) -> Result:
 
     Slip and force on the other body change sign, and the second axis once more: components (-x, +y). With `rotation` this implies
     that negating the slip negates the force. The order of two materials must not matter either. The rotation about the normal is
-    the same seen from either body; there the mirror image is tested, which negates rotation and moment.
+    the same seen from either body; there the mirror image is tested, which negates rotation and instant.
     """
     mirror = np.array([[-1.0, 0.0], [0.0, 1.0]])[:, :, None, None] * np.ones((len(bench.settings), TILE))
     passed, detail = _transformed(bench, mirror, ROUND_OFF)
@@ -94,7 +91,7 @@ def swap(bench: Bench) -> Result:
 def _transformed(bench: Bench, matrix: Array, tolerance: float) -> Result:
     """Compare a path with the path transformed by `matrix` (2, 2, T, TILE)."""
     path = random_paths(bench, 5)
-    image = Path(path.overlap, np.einsum("ijtl,ktjl->ktil", matrix, path.slip))
+    image = ContactPath(path.overlap, np.einsum("ijtl,ktjl->ktil", matrix, path.slip))
     size = np.full((len(bench.settings), law_output.HISTORY, TILE), 1e-300)
     worst, report = 0.0, ""
     for one, two in zip(follow_path(bench, path, 3), follow_path(bench, image, 3), strict=True):
@@ -126,17 +123,17 @@ def friction_limit(bench: Bench) -> Result:
     has_mu = bench.sheared and hasattr(bench.law.parameters, "mu_r" if rolls else "mu")
     mu = (bench.columns(p.mu_r for p in bench.parameters) if rolls and has_mu else bench.friction)[:tiles]
     for m in (1, 4):
-        for moment in follow_path(bench, path, m):
-            answer = moment.answer
+        for instant in follow_path(bench, path, m):
+            answer = instant.answer
             size = np.hypot(answer[:, law_output.TANGENTIAL_X], answer[:, law_output.TANGENTIAL_Y])
             limit = answer[:, law_output.FRICTION_LIMIT]
             for tile, lane in np.argwhere(~(size <= limit * (1.0 + ROUND_OFF))):
                 ratio = size[tile, lane] / max(limit[tile, lane], 1e-300)
-                return False, f"force is {ratio:.6g} of the limit, {_describe(bench, moment.requested, tile, lane)}"
+                return False, f"force is {ratio:.6g} of the limit, {_describe(bench, instant.requested, tile, lane)}"
             allowed = mu * answer[:, law_output.LOAD]
             for tile, lane in np.argwhere(~np.isclose(limit, allowed, rtol=ROUND_OFF, atol=0.0) & has_mu):
                 ratio = limit[tile, lane] / max(allowed[tile, lane], 1e-300)
-                return False, f"limit is {ratio:.6g} mu N, {_describe(bench, moment.requested, tile, lane)}"
+                return False, f"limit is {ratio:.6g} mu N, {_describe(bench, instant.requested, tile, lane)}"
     return True, "" if has_mu or not bench.sheared else "no parameter mu: only |T| <= limit"
 
 
@@ -144,14 +141,14 @@ def passive(bench: Bench) -> Result:
     """Test that a dashpot takes power at any velocity, none at rest, and that the power is that of the force that acted."""
     path = random_paths(bench, 5)
     rng = np.random.default_rng(11)
-    for moment in follow_path(bench, path, 2):
-        requested, zero = moment.requested, np.zeros_like(moment.requested.v_n)
+    for instant in follow_path(bench, path, 2):
+        requested, zero = instant.requested, np.zeros_like(instant.requested.v_n)
         open_at = np.maximum(requested.overlap, 0.0)
         speed = np.sqrt(9.81 * bench.radius[: len(zero)]) * 10.0 ** rng.uniform(-3.0, 2.0, zero.shape)
         v = speed[:, None] * rng.uniform(-1.0, 1.0, requested.v.shape)
         v_n = speed * rng.uniform(-1.0, 1.0, zero.shape)
-        moving, _ = bench.call(Contacts(open_at, requested.slip, v_n, v), moment.before)
-        still, _ = bench.call(Contacts(open_at, requested.slip, zero, np.zeros_like(v)), moment.before)
+        moving, _ = bench.call(Inputs(open_at, requested.slip, v_n, v), instant.before)
+        still, _ = bench.call(Inputs(open_at, requested.slip, zero, np.zeros_like(v)), instant.before)
         power = moving[:, law_output.DASHPOT_POWER]
         scale = np.abs(still[:, law_output.NORMAL_FORCE]) * speed
         for tile, lane in np.argwhere(~(power >= -ROUND_OFF * scale)):
@@ -167,9 +164,9 @@ def compiled(bench: Bench) -> Result:
         return True, "the compiler is off"
     law = bench.interpreted()
     outermost = bench.outermost[: len(bench.settings)]
-    cases: list[tuple[Contacts, Array]] = []
-    for moment in follow_path(bench, random_paths(bench, 2), 1):
-        cases.append((moment.requested._replace(overlap=np.maximum(moment.requested.overlap, outermost)), moment.before))
+    cases: list[tuple[Inputs, Array]] = []
+    for instant in follow_path(bench, random_paths(bench, 2), 1):
+        cases.append((instant.requested._replace(overlap=np.maximum(instant.requested.overlap, outermost)), instant.before))
     memory = bench.virgin(len(bench.settings))
     for requested in extremes(bench, 2):
         cases.append((requested, memory))
@@ -189,27 +186,27 @@ def history(bench: Bench) -> Result:
 
     No memory is hidden. A history value named `energy` must be the stored energy.
     """
-    moments = list(follow_path(bench, random_paths(bench, 4), 3))
+    instants = list(follow_path(bench, random_paths(bench, 4), 3))
     order = np.random.default_rng(3).permutation(TILE)
     back = np.argsort(order)
-    memory, outermost = moments[5].after.copy(), bench.outermost[: len(bench.settings)]
-    for moment in moments[6:]:
-        touches = (moment.requested.overlap > outermost)[:, None]
-        touched = moment.requested._replace(overlap=np.maximum(moment.requested.overlap, outermost))
-        shuffled = Contacts(*(np.ascontiguousarray(x[..., order]) for x in touched))
+    memory, outermost = instants[5].after.copy(), bench.outermost[: len(bench.settings)]
+    for instant in instants[6:]:
+        touches = (instant.requested.overlap > outermost)[:, None]
+        touched = instant.requested._replace(overlap=np.maximum(instant.requested.overlap, outermost))
+        shuffled = Inputs(*(np.ascontiguousarray(x[..., order]) for x in touched))
         answer, after = bench.call(shuffled, np.ascontiguousarray(memory[..., order]))
         answer, after = np.where(touches, answer[..., back], 0.0), np.where(touches, after[..., back], 0.0)
-        if not (np.array_equal(answer, moment.answer) and np.array_equal(after, moment.after)):
+        if not (np.array_equal(answer, instant.answer) and np.array_equal(after, instant.after)):
             return False, "a continued contact differs from one that was not interrupted"
         memory = after
     if bench.sheared and "energy" in bench.law.history:  # which the engine reads there
-        stored = ((moment.after[:, bench.chain.stored], moment.answer[:, law_output.STORED_TANGENTIAL]) for moment in moments)
+        stored = ((instant.after[:, bench.chain.stored], instant.answer[:, law_output.STORED_TANGENTIAL]) for instant in instants)
         if not all(np.array_equal(*pair) for pair in stored):
             return False, "what it remembers as `energy` is not what it answers as `stored`"
     return True, f"{len(bench.law.history)} floats" if bench.law.history else "none"
 
 
-def _describe(bench: Bench, requested: Contacts, tile: int, lane: int) -> str:
+def _describe(bench: Bench, requested: Inputs, tile: int, lane: int) -> str:
     """Describe a contact in words."""
     setting = bench.settings[tile % len(bench.settings)]
     depth = requested.overlap[tile, lane] / setting.radius

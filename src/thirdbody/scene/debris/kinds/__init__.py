@@ -1,1 +1,0 @@
-"""The built-in kinds of debris. One module per kind, with `KIND = ItsClass`."""

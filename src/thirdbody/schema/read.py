@@ -1,0 +1,243 @@
+"""Reading of a TOML file: its raw document, and line and column of every key, which tomllib does not report."""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+import tomllib
+from bisect import bisect_right
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from thirdbody.errors import SETTINGS, Fault, InputError
+from thirdbody.schema.parts import Location, Wrong, key_path
+
+MAX_BYTES = 4_000_000
+"""Bytes of the largest scene file: larger tables of bodies belong in files of their own."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """Origin of a scene. All sources are equal: two scenes with the same content are the same scene."""
+
+    file: str | None = field(default=None, compare=False)
+    positions: dict[Location, tuple[int, int]] = field(default_factory=dict, compare=False)
+    settings: tuple[Location, ...] = field(default=(), compare=False)
+    folder: str | None = field(default=None, compare=False)  # of the files it names, if not that of `file`
+
+    def overridden(self, locations: Iterable[Location]) -> Source:
+        """Return the source with these places set by settings."""
+        return replace(self, settings=(*self.settings, *locations))
+
+    def position(self, location: Location) -> tuple[int, int] | None:
+        """Return line and column of the key, or of the nearest enclosing table."""
+        for length in range(len(location), 0, -1):
+            if location[:length] in self.positions:
+                return self.positions[location[:length]]
+        return (1, 1) if self.file is not None else None
+
+    def fault(self, location: Location, message: str) -> Fault:
+        """Return the fault with file, line and column as far as they are known."""
+        key = key_path(location)
+        if any(location[: len(setting)] == setting for setting in self.settings):
+            return Fault(key, message, file=SETTINGS)
+        line, column = self.position(location) or (None, None)
+        return Fault(key, message, self.file, line, column)
+
+    def in_order(self, faults: Iterable[Wrong]) -> list[Fault]:
+        """Return the faults in the order of the file."""
+        ordered = sorted(faults, key=lambda wrong: self.position(wrong[0]) or (0, 0))
+        return [self.fault(location, text) for location, text in ordered]
+
+
+def read_text(path: str | os.PathLike[str]) -> str:
+    """Return the text of a file.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    InputError
+        With the reason why it cannot be read.
+    """
+    name = os.fspath(path)
+    reason = ""
+    try:
+        info = os.stat(path)
+        if stat.S_ISDIR(info.st_mode):
+            reason = "is a folder, expected a scene file"
+        elif not stat.S_ISREG(info.st_mode):  # a pipe without a writer would block forever
+            reason = "is a device, expected a scene file"
+        elif info.st_size > MAX_BYTES:
+            reason = f"has {info.st_size / 1e6:.1f} MB; a scene has at most {MAX_BYTES / 1e6:.0f} MB"
+        else:
+            with open(path, "rb") as file:
+                data = file.read()
+    except FileNotFoundError:
+        reason = "no such file"
+    except (OSError, ValueError) as error:  # ValueError: a null byte in the name
+        reason = f"cannot be read: {getattr(error, 'strerror', error)}"
+    if reason:
+        raise InputError(Fault("", reason, name))
+    try:
+        return data.decode("utf-8-sig")  # some editors write a byte order mark
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        column = len(data[: error.start].rpartition(b"\n")[2].decode("utf-8", "replace")) + 1
+        raise InputError(Fault("", "is not UTF-8 text: save it as UTF-8", name, line, column)) from None
+
+
+_WHERE = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
+
+
+def read_toml(text: str, name: str) -> tuple[dict[str, Any], Source]:
+    """Return the raw tables of a TOML text, and where each key is.
+
+    Parameters
+    ----------
+    text : str
+        The content of a file.
+    name : str
+        Its name in messages.
+
+    Returns
+    -------
+    tables : dict
+    source : Source
+        Gives faults their line and column.
+
+    Raises
+    ------
+    InputError
+        The text is not TOML.
+    """
+    try:
+        return tomllib.loads(text), Source(name, locate(text))
+    except RecursionError:
+        raise InputError(Fault("", "is nested too deeply", name)) from None
+    except ValueError as error:
+        match = _WHERE.search(str(error))
+        lines = text.rstrip().split("\n")
+        line, column = (int(match[1]), int(match[2])) if match and match[1] else (len(lines), len(lines[-1]) + 1)
+        raise InputError(Fault("", f"not valid TOML: {_WHERE.sub('', str(error))}", name, line, column)) from None
+
+
+_BLANK = re.compile(r"[ \t]*")
+_VOID = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
+_KEY_PART = re.compile(r"""[A-Za-z0-9_-]+|"(?:[^"\\\n]|\\.)*"|'[^'\n]*'""")
+_VALUE = re.compile(
+    r'"""(?:[^\\]|\\.)*?"{3,5}(?!")|'
+    r"'''.*?'{3,5}(?!')|"
+    r'"(?:[^"\\\n]|\\.)*"|'
+    r"'[^'\n]*'|"
+    r"[^,\]}#\n]*",
+    re.DOTALL,
+)
+
+
+def locate(text: str) -> dict[Location, tuple[int, int]]:
+    """Return the position (line, column; both from 1) by place: keys at the key, list entries at the value.
+
+    Only for text that tomllib has accepted: the scanner assumes valid syntax and does not check it.
+    """
+    scanner = _Scanner(text.replace("\r\n", "\n"))
+    scanner.document()
+    return scanner.positions
+
+
+class _Scanner:
+    def __init__(self, text: str) -> None:
+        self.text, self.at = text, 0
+        self.line_starts = [0, *(match.end() for match in re.finditer("\n", text))]
+        self.positions: dict[Location, tuple[int, int]] = {}
+        self.lengths: dict[Location, int] = {}  # of arrays of tables
+
+    def document(self) -> None:
+        table: Location = ()
+        self._skip(_VOID)
+        while self.at < len(self.text):
+            if self._peek("["):
+                table = self._header()
+            else:
+                self._assignment(table)
+            self._skip(_VOID)
+
+    def _peek(self, text: str) -> bool:
+        return self.text.startswith(text, self.at)
+
+    def _skip(self, pattern: re.Pattern[str]) -> str:
+        match = pattern.match(self.text, self.at)
+        assert match is not None, "the scanner met text that tomllib cannot have accepted"
+        self.at = match.end()
+        return match[0]
+
+    def _mark(self, location: Location, start: int) -> None:
+        line = bisect_right(self.line_starts, start)
+        self.positions.setdefault(location, (line, start - self.line_starts[line - 1] + 1))
+
+    def _header(self) -> Location:
+        """Read [a.b] or [[a.b]]: return the place of the following keys."""
+        start, brackets = self.at, 2 if self._peek("[[") else 1
+        self.at += brackets
+        parts = self._key()
+        self.at += brackets
+        location: Location = ()
+        for i, part in enumerate(parts):
+            location += (part,)
+            if brackets == 2 and i == len(parts) - 1:
+                self.lengths[location] = self.lengths.get(location, 0) + 1
+            self._mark(location, start)
+            if location in self.lengths:
+                location += (self.lengths[location] - 1,)
+                self._mark(location, start)
+        return location
+
+    def _key(self) -> list[str]:
+        parts = []
+        while True:
+            self._skip(_BLANK)
+            token = self._skip(_KEY_PART)
+            parts.append(next(iter(tomllib.loads(f"{token} = 0"))) if token[0] in "\"'" else token)
+            self._skip(_BLANK)
+            if not self._peek("."):
+                return parts
+            self.at += 1
+
+    def _assignment(self, table: Location) -> None:
+        start, location = self.at, table
+        for part in self._key():
+            location += (part,)
+            self._mark(location, start)
+        self.at += 1  # the equals sign
+        self._skip(_BLANK)
+        self._value(location)
+
+    def _value(self, location: Location) -> None:
+        end = "]" if self._peek("[") else "}" if self._peek("{") else ""
+        if not end:
+            self._skip(_VALUE)
+            return
+        self.at += 1
+        self._skip(_VOID)
+        index = 0
+        while not self._peek(end):
+            if end == "}":
+                self._assignment(location)
+            else:
+                self._mark((*location, index), self.at)
+                self._value((*location, index))
+            index += 1
+            self._skip(_VOID)
+            if self._peek(","):
+                self.at += 1
+                self._skip(_VOID)
+        self.at += 1

@@ -1,0 +1,145 @@
+"""Run read from its file: its arrays, and what is computed from them; `thirdbody.api.Run` draws and exports it."""
+
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from thirdbody.trajectory.bed import Bed, bed_of
+from thirdbody.trajectory.drag import Drag
+from thirdbody.trajectory.friction import Friction, friction_cycles, friction_of
+from thirdbody.trajectory.names import SUMMARY_TEXT
+from thirdbody.trajectory.open_file import damage_as_fault
+from thirdbody.trajectory.run_arrays import RunArrays
+from thirdbody.trajectory.states import state_transitions
+from thirdbody.trajectory.summary import map_statistics, run_summary
+
+
+class RunFile(RunArrays):
+    """A run, read from its file on demand; a context manager. Arrays are in SI units.
+
+    F is the number of frames, B that of bodies. Only committed frames are read.
+
+    Parameters
+    ----------
+    path : str or Path
+        Folder of the run, or its `run.vtkhdf`.
+
+    Raises
+    ------
+    InputError
+        The file is missing, damaged or not a run.
+    """
+
+    @cached_property
+    def drag(self) -> Drag:
+        """Motion of the upper plate: displacement, turns, whole cycles of a stroke."""
+        return Drag(self, self._steady("", self._stored_summary))
+
+    @cached_property
+    def friction(self) -> Friction:
+        """Friction coefficient of the run: `value`, `error`, `verdict` on whether it is stationary, and more."""
+        with damage_as_fault(self.path, "the series of friction"):
+            return friction_of(self.drag)
+
+    @cached_property
+    def bed(self) -> Bed | None:
+        """Measures of the bed over the steady part: `means`, `errors`, `verdict` on whether shear is slow; None without one."""
+        with damage_as_fault(self.path, "the series of the bed"):
+            return bed_of(self.drag)
+
+    @cached_property
+    def cycles(self) -> dict[str, np.ndarray]:
+        """Energy and extremes of the whole cycles of a stroke by name, one value per cycle (n,); n is 0 without a stroke.
+
+        Names and units: `trajectory.friction.friction_cycles`.
+        """
+        with damage_as_fault(self.path, "the series of friction"):
+            return friction_cycles(self.drag)
+
+    @cached_property
+    def warnings(self) -> list[str]:
+        """Warnings before the run and at its end, as the command line prints them."""
+        return list(self.summary()["warnings"])
+
+    def map_statistics(self, cycles: float | None = None, frame: int = -1) -> dict[str, np.ndarray]:
+        """Return depth, area and volume of the wear of the plates in numbers, and likewise of every map.
+
+        Parameters
+        ----------
+        cycles : float, optional
+            Of so many cycles of a stroke, at the mean rate of the whole cycles without the first one: an extrapolation, as the
+            shapes of bodies do not change. None: since the start of the run.
+        frame : int, where `cycles` is None; negative ones count from the end
+
+        Returns
+        -------
+        dict of str to ndarray
+            One row per plate and map: plate, map, mean, percentile_95 and largest [unit] of the cells that have any, unit,
+            area_fraction of these cells, total over the plate [total_unit], such as the worn volume, total_unit. No rows in a run
+            without maps.
+
+        Raises
+        ------
+        InputError
+            `cycles` is given, and the run has fewer than two whole ones.
+        IndexError
+            There is no such frame.
+        """
+        return map_statistics(self.drag, cycles, frame)
+
+    def transitions(self) -> dict[str, np.ndarray]:
+        """Return the changes of state between frames.
+
+        Returns
+        -------
+        dict of str to ndarray
+            One row per change: frame, time [s], distance [m], body, from, to, reason, position (n, 3) [m].
+
+        Raises
+        ------
+        AttributeError
+            The run recorded no states.
+        """
+        return state_transitions(self)
+
+    def summary(self) -> dict[str, Any]:
+        """Return the summary that the run stored at its end, and figures computed from its frames.
+
+        Returns
+        -------
+        dict
+            Numbers, texts and lists by name; figures whose series the run lacks are absent.
+
+        Notes
+        -----
+        `warnings`: those of `Run.warnings`. From the frames: `finished` (False when the run was killed, interrupted or stopped by
+        a guard; then `stopped` may give the reason), `frames`, `bodies`, `duration` [s], `distance` [m],
+        `friction_coefficient`, `friction_coefficient_error` and `friction_verdict` (value, error and verdict of `friction`),
+        for strokes `cycles` and `energy_per_cycle` [J],
+        `accommodation` (fractions of the plate's path taken up by `upper_slip`, `lower_slip`, `rolling` and `shear`, over the
+        second half of the sliding or of the cycles), `fractions` (state name to fraction of the bodies, last frame), and the
+        same by `populations`, `materials` and `sizes` (lists from `trajectory.states.states_by_group`). Of a bed the means
+        of its series over the steady part (`inertial_number`, `softness`, `solid_fraction`, ...) and their errors
+        (`inertial_number_error`, ...), `quasi_static` (true or false), `bed_verdict` and `softness_verdict` (texts).
+
+        Of a finished run also what it stored, such as `energy_residual` (relative), `energy_verdict` (likely reason, only where
+        the residual or the numerical loss or gain is too large), `peak_pressure` (largest over contacts and frames [Pa]),
+        `first_yield` (its `ratio` to the pressure at first yield; whether the yield strength is `assumed`),
+        `energy_numerical_share` (loss by the implicit integrator, negative for a gain, divided as the residual), `load_ratio`
+        (mean force on the upper plate over its load, last interval), for implicit runs `steps_limited_by` (cause to number of
+        steps), and for quasi-static ones `patches_not_carried` (number at the end) and `largest_fraction_rolling` (over all
+        frames).
+        """
+        with damage_as_fault(self.path, "its summary"):
+            return run_summary(self.drag, self.friction, self.bed, self._steady("", self._stored_summary))
+
+    def _stored_summary(self) -> dict[str, Any] | None:
+        """Return what the run stored at its end; None where it did not get there."""
+        return dict(self._text(SUMMARY_TEXT)) if SUMMARY_TEXT in self._scene else None
+
+
+def open_run(path: str | Path) -> RunFile:
+    """Open a run: its folder, or its `run.vtkhdf`. Raises InputError."""
+    return RunFile(path)
