@@ -119,15 +119,7 @@ def sweep(
     >>> [point.status for point in sweep.points]
     ['done', 'done', 'done']
     """
-    from thirdbody.runner.prepare import check_call
-    from thirdbody.studies.runner import Execution, execute_sweep, reporting
-    from thirdbody.studies.sweep import number_of_workers, plan_of_python
-    from thirdbody.system.signals import stop_on_ctrl_c
+    from thirdbody.studies.sweep import run_sweep
 
-    check_call(plugins, progress)
-    workers = number_of_workers(options.pop("workers", None), executor, resume)
-    plan, folder = plan_of_python(scene, vary, None if out is None else Path(out), plugins, options)
-    with reporting(progress, plan.title) as report, stop_on_ctrl_c() as stop:
-        execution = Execution(executor, workers, bool(resume), resume == "failed", report, stop=stop)
-        execute_sweep(plan, folder, execution)
-    return Sweep(folder)
+    folder = None if out is None else Path(out)
+    return Sweep(run_sweep(scene, vary, folder, executor, resume, progress, plugins, options))

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from thirdbody.errors import Fault, GuardStop, InputError, Interrupted, UsageError
+from thirdbody.runner.prepare import check_call
 from thirdbody.scene.model import Scene
 from thirdbody.scene.settings import toml_value
 from thirdbody.schema.read import read_text
@@ -18,7 +19,7 @@ from thirdbody.studies.point import DONE, FAILED
 from thirdbody.studies.runner import Execution, execute_sweep, reporting
 from thirdbody.studies.sweep_file import is_sweep, read_sweep, saved_definition, sweep_of_options, sweep_of_python
 from thirdbody.studies.sweep_table import SweepTable
-from thirdbody.system.signals import stop_on_signal
+from thirdbody.system.signals import stop_on_ctrl_c, stop_on_signal
 from thirdbody.system.terminal import print_line
 
 FOLDER = Path("sweeps")
@@ -28,7 +29,26 @@ REPORTED = 5
 """Largest number of failed points that are listed at the end; the table has all."""
 
 
-def number_of_workers(workers: Any, executor: Any, resume: Any) -> int | None:
+def run_sweep(
+    scene: Any,
+    vary: Any,
+    out: Path | None,
+    executor: Any,
+    resume: Any,
+    progress: Any,
+    plugins: Iterable[str | Path],
+    options: dict[str, Any],
+) -> Path:
+    """Run the sweep of the arguments of `thirdbody.sweep`; return its folder."""
+    check_call(plugins, progress)
+    workers = _workers(options.pop("workers", None), executor, resume)
+    plan, folder = _plan_of_python(scene, vary, out, plugins, options)
+    with reporting(progress, plan.title) as report, stop_on_ctrl_c() as stop:
+        execute_sweep(plan, folder, Execution(executor, workers, bool(resume), resume == "failed", report, stop=stop))
+    return folder
+
+
+def _workers(workers: Any, executor: Any, resume: Any) -> int | None:
     """Return the number of workers. Raises UsageError for a wrong one, and for a wrong `executor` or `resume`."""
     if executor is not None and not callable(getattr(executor, "submit", None)):
         raise UsageError(f"executor = {executor!r}: must be a Dask client, or have the `submit` of concurrent.futures")
@@ -39,7 +59,7 @@ def number_of_workers(workers: Any, executor: Any, resume: Any) -> int | None:
     return workers
 
 
-def plan_of_python(
+def _plan_of_python(
     scene: Any, vary: Any, out: Path | None, plugins: Iterable[str | Path], options: Mapping[str, Any]
 ) -> tuple[Plan, Path]:
     """Return the plan of the arguments of `sweep`, and its folder."""
