@@ -60,7 +60,7 @@ def test_a_thinned_copy_has_its_bodies_as_close_as_they_were_and_as_many_meet():
     assert thin(scene, 200, 1.5) == {} == thin(scene, FEWEST, 0.1)
     first = prepare(scene)
     copy, built = reduce_scene(scene, [], 1e-9, first)
-    words = reductions(scene, first, copy, built)
+    words = reductions(scene, 200, first.settle, copy, built)
     assert copy.debris[0].count == FEWEST_THAT_MEET and built.state.world.debris_meets
     assert words[0] == "50 of 200 bodies, as close as they were"
     assert np.prod(copy.domain.size) / FEWEST_THAT_MEET == pytest.approx(np.prod(scene.domain.size) / 200, rel=1e-12)

@@ -24,6 +24,9 @@ from thirdbody.studies.variants import Base, springs_option
 FEWEST, FEWEST_THAT_MEET = 16, 50
 """Least number of bodies left: fewer give poor statistics of states, or, where they meet, meet images of their neighbours."""
 
+MANY = 512
+"""Number of bodies above which a scene is thinned, if it can be, before its time is estimated."""
+
 FRAMES = 20
 """Least number of outputs left."""
 
@@ -118,8 +121,11 @@ def make_copy(source: StudySource, target: float, few: bool, _stop: Callable[[],
         lean |= {"output.blocks": ["clumps"], "output.arrays": ["quaternion"]}
     scene = scene.with_settings(lean) if lean else scene
     set_threads(1)
-    copy, maximum, limit = scene, target, DEAR * target
-    first = built = prepare(scene, source.plugins)
+    maximum, limit, bodies = target, DEAR * target, sum(getattr(debris, "count", None) or 1 for debris in scene.debris)
+    # building and trying all of them would take a small budget
+    many = thin(scene, bodies, MANY / bodies) if few else {}
+    copy = scene.with_settings(many) if many else scene
+    first = built = prepare(copy, source.plugins)
     for attempt in range(SIZES):
         smaller, built = reduce_scene(copy, source.plugins, maximum, built)
         if attempt and smaller == copy:  # no smaller one can be made
@@ -138,7 +144,7 @@ def make_copy(source: StudySource, target: float, few: bool, _stop: Callable[[],
     if few:
         changes = coarsened(copy, built)
         copy = copy.with_settings(changes) if changes else copy
-    words = reductions(scene, first, copy, built)
+    words = reductions(scene, bodies if many else first.state.n_bodies, first.settle, copy, built)
     if base.kind == "explicit" and isinstance(copy.solver.time_step, str):
         if math.isfinite(seconds):
             base = replace(base, step=min(base.step, float(trial.integrator.summary()["time_step_limit"]["smallest"])))
@@ -179,17 +185,17 @@ def reduce_scene(
     return scene, built
 
 
-def reductions(scene: Scene, first: Simulation, copy: Scene, built: Simulation) -> list[str]:
-    """Return in words what a copy omits of a scene; of both also a simulation."""
+def reductions(scene: Scene, bodies: int, settle: float, copy: Scene, built: Simulation) -> list[str]:
+    """Return in words what a copy, `built` its simulation, omits of a scene with so many bodies and this settling time [s]."""
     words = []
-    if built.state.n_bodies < first.state.n_bodies:
-        words.append(f"{built.state.n_bodies} of {first.state.n_bodies} bodies, as close as they were")
+    if built.state.n_bodies < bodies:
+        words.append(f"{built.state.n_bodies} of {bodies} bodies, as close as they were")
     for key, kind, what in (("distance", "length", "way"), ("duration", "time", "time")):
         whole, left = getattr(scene.solver, key), getattr(copy.solver, key)
         if whole is not None and left is not None and left < whole:
             words.append(f"{units.pretty(left, kind)} of {units.pretty(whole, kind)} of the {what}")
     if copy.solver.settle != scene.solver.settle:
-        words.append(f"{units.pretty(built.settle, 'time')} of {units.pretty(first.settle, 'time')} of settling")
+        words.append(f"{units.pretty(built.settle, 'time')} of {units.pretty(settle, 'time')} of settling")
     if copy.output.every != scene.output.every:
         unit = "length" if copy.output.every_kind == "distance" else "time"
         words.append(f"a frame each {units.pretty(copy.output.every, unit)}")
