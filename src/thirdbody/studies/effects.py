@@ -69,8 +69,6 @@ def effects_study(source: StudySource, repeats: int, log: Callable[[str], None],
     scene, built = reduce_scene(whole, source.plugins, SECONDS, first)
     reduction = [f"{key} = {value}" for key, value in source.settings.items()]
     reduction += reductions(whole, first.state.n_bodies, first.settle, scene, built)
-        whole, first.state.n_bodies, first.settle, scene, built
-    )
     scene, left_out = portable(scene), list[str]()
     trials = candidates(scene, built, source.plugins, left_out)
     for name in only:
