@@ -14,7 +14,7 @@ from pages import ROOT, pages
 
 from thirdbody.errors import EXIT_CODES
 from thirdbody.laws.registry import discover
-from thirdbody.report.key_reference import KEY_HEADINGS, NAME_HEADINGS, all_keys, all_names, key_rows, name_rows
+from thirdbody.report.reference import KEY_HEADINGS, NAME_HEADINGS, all_keys, all_names, key_rows, name_rows
 
 SOURCE = ROOT / "src" / "thirdbody"
 PART = re.compile(r"(<!-- generated: ([\w-]+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)

@@ -5,7 +5,7 @@ import pytest
 
 from thirdbody.errors import MissingLibrary
 from thirdbody.palette import STATE_COLORS, rgb
-from thirdbody.render import render as render_module
+from thirdbody.render import elsewhere
 from thirdbody.trajectory.schema import Frame
 from thirdbody.trajectory.writer import TrajectoryWriter
 
@@ -73,7 +73,7 @@ def write_layer(path, count: int, frames: int = 2, distance: float = 1.0, deep: 
 
 def skip_unless_drawable():
     try:
-        render_module.usable_windows()
+        elsewhere.usable_windows()
     except MissingLibrary as error:
         pytest.skip(str(error))
 

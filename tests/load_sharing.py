@@ -17,8 +17,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 import thirdbody
-from thirdbody.assembly.direct_contact import direct_contact
 from thirdbody.assembly.physics import compile_physics
+from thirdbody.assembly.plate_load import direct_contact
 from thirdbody.assembly.populate import populate, sphere_centres
 from thirdbody.assembly.surfaces import plate_surfaces
 from thirdbody.laws.registry import discover

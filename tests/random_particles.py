@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from thirdbody.bodies.irregular_clumps import irregular
-from thirdbody.bodies.resting_poses import settle
+from thirdbody.bodies.resting_poses import settle_all
 
 
 def planar(seed):
@@ -23,6 +23,6 @@ def clump(seed):
     """Centres (n, 3) and radii (n,) of four to eight spheres, 10 um in all, in a stable pose; and a friction."""
     draw = np.random.default_rng([22, seed])
     body = irregular(draw, int(draw.integers(4, 9)), (1.0, 0.8, 0.6), 10e-6)
-    quaternion, _ = settle(body, draw)
+    (quaternion,), _ = settle_all([body], draw)
     centers = Rotation.from_quat(np.roll(quaternion, -1)).apply(body.centers)
     return centers, body.radii, float(draw.uniform(0.1, 0.6))

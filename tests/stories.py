@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 import thirdbody
-from thirdbody.bodies.layer_packing import projected_area
+from thirdbody.bodies.packing import projected_area
 from thirdbody.kernels.tables import DEBRIS, run_totals
-from thirdbody.runner.prepare import prepare
+from thirdbody.runner.simulate import prepare
 from thirdbody.studies.timing import nudge as displace
 
 SCENE = Path(__file__).parent.parent / "scenes" / "sheared_debris.toml"

@@ -50,6 +50,8 @@ from .mdr_springs import (
     width_of,
 )
 
+SCRATCH = 6 * MAX_SPRINGS  # floats of scratch for a step; numba wants a number by name
+
 
 class SpringParameters(NamedTuple):
     """Effective shear modulus G* [Pa]; friction; kappa = mu E*/G* (Willert, Eqs. 13, 14); renewal per contact radius."""
@@ -145,7 +147,7 @@ def springs(c, load, p, h, w, w_new):
     if before <= 0.0:
         merges = merges_for(c.overlap, n, c.radius)
     spacing, wide = cells_of(merges, n, c.radius)
-    scratch = stack_array(6 * MAX_SPRINGS)
+    scratch = stack_array(SCRATCH)
     # Coulomb's limit uses the total normal force, including the dashpot
     bound = p.kappa * load.force / max(load.elastic, 1e-300)
     ground = moved_ground(c.roll_x, c.roll_y, load.contact_radius, h[4], h[5], h[6])

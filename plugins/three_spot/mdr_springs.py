@@ -25,6 +25,7 @@ DOUBLINGS = 50
 """Maximum number of doublings of the spacing: half widths of 1e9 radii, which occur only in a run about to be stopped."""
 ENDLESS = FIRST * 2.0**DOUBLINGS
 ROWS = 8  # rows of n springs for a tangent: x, y, dx/dd, dy/dd, dx/ds_x, dx/ds_y, dy/ds_x, dy/ds_y
+TANGENT_SCRATCH = ROWS * MAX_SPRINGS  # floats
 
 
 @helper
@@ -264,7 +265,7 @@ def springs_tangent(c, load, p, h, w):
     # the renewal of a given travel goes as 1/a, so its exponent as d^-0.5
     exponent = (1.0 - renewal.retained) / renewal.fill
     grid, end = (n, wide, spacing * spacing / c.radius), end_of(n, wide, spacing, c.radius)
-    rows = stack_array(ROWS * MAX_SPRINGS)
+    rows = stack_array(TANGENT_SCRATCH)
     retained_rate = 0.5 * exponent * renewal.retained / c.overlap
     carry_with_rates(w, rows, grid, max(before, c.overlap), (renewal.retained, retained_rate))
     fill, fill_rate, done = renewal.fill, 0.5 * (renewal.fill - renewal.retained) / c.overlap, before

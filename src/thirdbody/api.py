@@ -267,9 +267,8 @@ def run(
     >>> thirdbody.run("example.toml", out="runs/again", progress=False).summary()["finished"]
     True
     """
-    from thirdbody.runner.prepare import check_call, check_threads, prepare
     from thirdbody.runner.run_folder import refuse_existing
-    from thirdbody.runner.simulate import default_folder, run_with_warnings
+    from thirdbody.runner.simulate import check_call, check_threads, default_folder, prepare, run_with_warnings
     from thirdbody.scene.model import Scene
 
     check_call(plugins, progress, overwrite=overwrite, force=force)
@@ -320,9 +319,8 @@ def resume(
     >>> run.summary()["distance"] > 0.19e-6
     True
     """
-    from thirdbody.runner.prepare import check_call, check_threads
     from thirdbody.runner.resume import prepare_resume
-    from thirdbody.runner.simulate import run_with_warnings
+    from thirdbody.runner.simulate import check_call, check_threads, run_with_warnings
 
     check_call(plugins, progress)
     path = out.path if isinstance(out, RunFile) else Path(out)

@@ -9,14 +9,11 @@ import numpy as np
 
 from thirdbody.units import quantity_text
 
-LAYERS = 3.0
-"""Height over the median diameter from which debris is a bed with an inside, not a layer or two."""
-
+LAYERS = 3.0  # height over the median diameter from which debris is a bed with an inside, not a layer or two
+# mu(I) = mu_s + INCREASE/(SCALE/I + 1), glass beads (Jop, Forterre and Pouliquen 2006, Nature 441, 727).
 INCREASE, SCALE = 0.26, 0.28
-"""mu(I) = mu_s + INCREASE/(SCALE/I + 1), glass beads (Jop, Forterre and Pouliquen 2006, Nature 441, 727)."""
-
+# Inertial number up to which a bed counts as quasi-static, and up to which nearly: friction rises by 0.001 and 0.01.
 SLOW, FAST = 1e-3, 1e-2
-"""Inertial number up to which a bed counts as quasi-static, and up to which nearly: friction rises by 0.001 and 0.01."""
 
 
 def median_by_mass(diameters: np.ndarray, masses: np.ndarray) -> float:

@@ -17,7 +17,7 @@ that a kernel calls in a shared library (ctypes, cffi): rename the function when
 global that is changed after the kernel was compiled: numba has compiled its value in; pass such numbers as options.
 """
 
-from thirdbody.bodies.clump import Clump, clump, clump_with_frame, matrix_from_quaternion
+from thirdbody.bodies.clump import Clump, clump, clump_with_frame
 from thirdbody.debris.contract import DebrisKind, PlacedClumps, PlacedDebris, PopulationContext, RandomStreams
 from thirdbody.errors import Fault, InputError, OutputError, UsageError, nearest
 from thirdbody.jit.arguments import stack_array
@@ -44,6 +44,7 @@ from thirdbody.laws.friction import COULOMB, MINDLIN
 from thirdbody.laws.hertz import HERTZ, dundurs_beta, e_star, g_star, yield_limit
 from thirdbody.laws.measures import Amount, Measure
 from thirdbody.laws.renewal import RENEWAL, Renewal, moved_ground, renewal_rate, renewed
+from thirdbody.rotations import matrix_from_quaternion
 from thirdbody.schema.fields import Choice, PositiveLength, Quantity, Whole, listing
 from thirdbody.schema.parts import Part, Wrong, one_of, wrongs_of
 from thirdbody.schema.read import read_text, read_toml

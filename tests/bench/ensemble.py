@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 import thirdbody
-from thirdbody.bodies.layer_packing import projected_area
+from thirdbody.bodies.packing import projected_area
 from thirdbody.kernels.tables import run_totals
 from thirdbody.runner.simulate import prepare, set_threads
 

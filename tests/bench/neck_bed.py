@@ -30,7 +30,7 @@ from thirdbody.engine.upper_plate import Schedule, Segment, UpperPlate
 from thirdbody.kernels.schedule import POLYNOMIAL
 from thirdbody.kernels.tables import record, run_totals
 from thirdbody.laws.registry import discover
-from thirdbody.runner.prepare import prepare
+from thirdbody.runner.simulate import prepare
 
 ROOT = Path(__file__).parents[2]
 PULL_OFF = Path(__file__).with_name("neck_at_pull_off.py")

@@ -21,7 +21,7 @@ from rich.console import Console
 
 import thirdbody
 from thirdbody.kernels.tables import run_totals, sphere
-from thirdbody.runner.prepare import prepare, set_threads
+from thirdbody.runner.simulate import prepare, set_threads
 
 SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
 

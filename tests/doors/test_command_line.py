@@ -16,7 +16,7 @@ from portable import PATIENCE
 
 import thirdbody
 from thirdbody.cli import main, starter_files
-from thirdbody.cli.removed import REMOVED_COMMANDS, REMOVED_OPTIONS
+from thirdbody.cli.command_group import REMOVED_COMMANDS, REMOVED_OPTIONS
 from thirdbody.errors import ThirdbodyWarning
 from thirdbody.laws.registry import load_file
 from thirdbody.runner.run_loop import WallTimes

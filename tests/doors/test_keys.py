@@ -17,7 +17,7 @@ import thirdbody
 from thirdbody import errors, plugin
 from thirdbody.engine.accuracy import Accuracy
 from thirdbody.laws.registry import discover
-from thirdbody.report.key_reference import all_keys, all_names
+from thirdbody.report.reference import all_keys, all_names
 from thirdbody.scene.model import Scene
 from thirdbody.schema.parts import Part, key_docs
 from thirdbody.studies.axes import IntervalTable

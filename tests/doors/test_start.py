@@ -18,9 +18,9 @@ from portable import PATIENCE
 import thirdbody
 from thirdbody.assembly.simulation import build
 from thirdbody.engine import units
-from thirdbody.render import render
+from thirdbody.render import elsewhere
 from thirdbody.runner.checkpoint import FILE as CHECKPOINT
-from thirdbody.runner.output_schedule import planned_frames, targets
+from thirdbody.runner.stops import planned_frames, targets
 from thirdbody.studies.point import Point, run_point
 from thirdbody.studies.workers import LocalWorkers
 from thirdbody.system import child_process
@@ -245,9 +245,9 @@ def test_processes_that_compile_first_work_for_a_study_or_draw_execute_none(plan
     with LocalWorkers(1) as workers:
         answer = workers.submit(run_point, Point(0, planted / "point", "none", planted, ())).result()
     assert "scene.toml" in answer.reason and executed(planted) == []
-    done = render._start({"run": "none", "file": "x.png"}, None)
+    errors = elsewhere._start("thirdbody.render.render", {"run": "none", "file": "x.png"}, None)[1]
     assert executed(planted) == []
-    assert "KeyError" in done.stderr or "no such run" in done.stderr, done.stderr  # it came as far as to read its job
+    assert "KeyError" in errors or "no such run" in errors, errors  # it came as far as to read its job
 
 
 @pytest.mark.parametrize("path", [os.pathsep, "HERE", *(pytest.param(path, marks=SLOW) for path in ("", "."))])

@@ -189,9 +189,7 @@ def test_a_full_standard_output_is_reported_in_one_line(tmp_path):
 
 
 def test_a_file_that_is_opened_never_takes_the_place_of_a_closed_stream(tmp_path):
-    code = (
-        "from thirdbody.system.standard_streams import guarded_streams\nwith guarded_streams():\n    print('lost', flush=True)\n"
-    )
+    code = "from thirdbody.system.terminal import guarded_streams\nwith guarded_streams():\n    print('lost', flush=True)\n"
     code += "    open('y', 'w').write(str(open('x', 'w').fileno()))"
     done = subprocess.run(["sh", "-c", '"$@" >&- 2>&- <&-', "sh", sys.executable, "-c", code], cwd=tmp_path)
     assert done.returncode == 0 and int((tmp_path / "y").read_text()) > 2 and not (tmp_path / "x").read_text()

@@ -226,11 +226,11 @@ def read_balance(path: Path) -> None:
 READERS = {".vtkhdf": read_run, ".balance": read_balance, ".toml": read_scene}
 
 
-def _drawn_here(job: dict, windows: list[str | None], report: object = None) -> None:
+def _drawn_here(module: str, job: dict, report: object = None) -> None:
     """What `render` has drawn by a second process, which would cost seconds; windows are chosen when the worker starts."""
-    from thirdbody.render.worker import draw_run
+    from thirdbody.render.render import draw
 
-    draw_run(json.loads(json.dumps(job)))
+    draw(json.loads(json.dumps(job)))
 
 
 def run_command(folder: str, target: str, command: str) -> str:

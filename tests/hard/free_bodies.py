@@ -13,7 +13,7 @@ from thirdbody.assembly.simulation import build
 from thirdbody.engine.state import angular_momentum, orientations
 from thirdbody.errors import GuardStop
 from thirdbody.kernels.tables import body, body_extra, record, run_totals
-from thirdbody.rotations import rotation_matrices
+from thirdbody.rotations import matrix_from_quaternion
 from thirdbody.scene.model import Contact, Domain, Solver, UpperPlate
 
 RADIUS = 1e-3
@@ -87,7 +87,7 @@ def check_momentum(trial, run, before):
 
 
 def body_spin(run):
-    return rotation_matrices(orientations(run.state)[:1])[0].T @ run.state.B[0, body.SPIN3]
+    return matrix_from_quaternion(orientations(run.state)[:1])[0].T @ run.state.B[0, body.SPIN3]
 
 
 def spinning_flake(trial: Trial) -> None:
@@ -259,7 +259,7 @@ def turned_pair(axis, count, level="mindlin"):
     centres, work = B[:, body.POSITION3].copy(), simulation.state.A[run_totals.FRICTION_WORK]
     for k in range(1, count + 1):
         half = 0.5 * (2.0 * k / count)
-        turn = rotation_matrices(np.array([[math.cos(half), *(math.sin(half) * axis)]]))[0]
+        turn = matrix_from_quaternion(np.array([[math.cos(half), *(math.sin(half) * axis)]]))[0]
         after = drive(centres @ turn.T, axis * 2.0 / count / step)
     stored = before[record.STORED_TANGENTIAL]
     gained = simulation.state.A[run_totals.FRICTION_WORK] - work, after[record.STORED_TANGENTIAL] - stored

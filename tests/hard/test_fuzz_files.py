@@ -180,7 +180,7 @@ def sound(tmp_path_factory):
 
 
 def draws():
-    from thirdbody.render.render import LIBRARIES, _loads
+    from thirdbody.render.elsewhere import LIBRARIES, _loads
 
     return not sys.platform.startswith("linux") or any(_loads(name) for names in LIBRARIES.values() for name in names)
 

@@ -22,6 +22,7 @@ from scalar_step import Reference
 
 from thirdbody.engine import explicit
 from thirdbody.engine.neighbours import search
+from thirdbody.jit import threads as jit_threads
 from thirdbody.jit.threads import allow_threads, allowed_threads
 from thirdbody.kernels import schedule
 from thirdbody.kernels.arguments import WORK, context_of
@@ -32,7 +33,7 @@ from thirdbody.kernels.explicit.passes import work
 from thirdbody.kernels.rolling_kinematics import MOMENTS, TWIST
 from thirdbody.kernels.tables import body, body_extra, contact_state, orientation, patch, record, run_totals, sphere
 from thirdbody.kernels.tile import TILE
-from thirdbody.rotations import rotation_matrices
+from thirdbody.rotations import matrix_from_quaternion
 
 SLOW = pytest.mark.full(kind="slow")
 SCENES = {
@@ -197,8 +198,8 @@ def changed(name, spoil, patch):
 def two_threads(monkeypatch):
     before = allowed_threads()
     allow_threads(2)
-    monkeypatch.setattr(explicit, "STARVED", 0.0)  # on a busy machine, too,
-    monkeypatch.setattr(explicit, "SHORT", 0.0)  # and one thread is not tried
+    monkeypatch.setattr(jit_threads, "STARVED", 0.0)  # on a busy machine, too,
+    monkeypatch.setattr(jit_threads, "SHORT", 0.0)  # and one thread is not tried
     yield
     allow_threads(before)
 
@@ -224,7 +225,7 @@ def test_threads_may_change_during_a_run(two_threads, monkeypatch):
 @scenes
 def test_nothing_is_farther_from_the_last_search_than_the_engine_thinks(name):
     state = both(name).simulation.state
-    turn = rotation_matrices(state.search_poses.quaternion)[state.body]
+    turn = matrix_from_quaternion(state.search_poses.quaternion)[state.body]
     before = state.search_poses.position[state.body] + np.einsum("nij,nj->ni", turn, state.offsets)
     gone = np.linalg.norm(state.spheres.position - before, axis=1).max()
     # a place is rounded by 1e-20 m in each of some hundred steps of more than 1e-10 m

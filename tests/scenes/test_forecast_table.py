@@ -14,7 +14,7 @@ from shared_runs import PATH, PLATES, clumps
 
 import thirdbody
 from thirdbody.plot.forecast_plot import check_format, draw_forecasts, pool
-from thirdbody.report.forecast_check import WATCHED, compare_forecast, forecasts
+from thirdbody.report.forecast import WATCHED, compare_forecast, forecasts
 
 CHANGES = {
     "debris.0.size.min": "6 um", "debris.0.size.max": "16 um", "debris.0.spheres": [3, 8], "solver.distance": "7 um",

@@ -19,7 +19,7 @@ from trajectories import contents
 import thirdbody
 from thirdbody.errors import InputError, Interrupted
 from thirdbody.export.export_run import export_run
-from thirdbody.render.plate_map import plate_map
+from thirdbody.render.surfaces import plate_map
 from thirdbody.runner.resume import prepare_resume
 from thirdbody.runner.simulate import execute, prepare
 

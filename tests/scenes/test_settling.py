@@ -8,7 +8,7 @@ from steel import HOT_STEEL, STEEL
 
 import thirdbody
 from thirdbody.kernels.tables import UPPER
-from thirdbody.runner.prepare import prepare
+from thirdbody.runner.simulate import prepare
 
 from .test_resume import check_in_pieces
 

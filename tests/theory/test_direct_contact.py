@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from thirdbody.assembly.direct_contact import GAMMA, persson_parameters
+from thirdbody.assembly.plate_load import GAMMA, persson_parameters
 from thirdbody.engine.guards import Ledger
 from thirdbody.errors import InputError
 from thirdbody.kernels.tables import run_totals

@@ -27,7 +27,6 @@ from thirdbody.kernels.implicit.workspace import (
     IslandTables,
     island_at,
     make_scratch,
-    pair_spaces_of,
     spaces_of,
 )
 from thirdbody.kernels.minima import RoughPlates
@@ -38,7 +37,7 @@ from thirdbody.kernels.tables import body, body_extra, contact_state, domain, pa
 from thirdbody.kernels.tile import TILE, contact_tangent, law_input, law_output
 from thirdbody.kernels.tile import rolling_input as turn_in
 from thirdbody.kernels.tile import rolling_output as turn_out
-from thirdbody.rotations import rotation_matrices
+from thirdbody.rotations import matrix_from_quaternion
 
 FLAT = np.zeros((0, surface_contact.WIDTH))
 HISTORY = 5  # force, moment and moment about the normal of a contact at the start of the step
@@ -86,7 +85,7 @@ def evaluate(context, tables, y, r, J):
     half_width = FREEDOMS * (int(tables.widths[0]) + 1) - 1
     scratch = make_scratch(context, n, 1, FREEDOMS * n * (3 * half_width + 1), len(context.initial_overlaps))
     given = scratch._asdict()
-    scratch = scratch._replace(spaces=spaces_of(given), pair_spaces=pair_spaces_of(given))
+    scratch = scratch._replace(**dict(zip(("spaces", "pair_spaces"), spaces_of(given), strict=True)))
     island, motion = plain(island_at, made)(0, tables), Motion(DT, 0.0, 0.0)
     scratch.starts[:] = context.starts
     scratch.coordinates[:, 0] = y.reshape(n, FREEDOMS)
@@ -194,7 +193,7 @@ def rough_tables(rng, curved, force, closing):
     Q, S, P, H, D, Z = (given[name] for name in ("Q", "S", "P", "H", "D", "starts"))
     Z[0, step_start.QUATERNION : step_start.QUATERNION + 4] = q / np.linalg.norm(q)
     D[domain.CURVED : domain.CURVED + 2] = float(curved)
-    arms = OFFSETS @ rotation_matrices(q[None] / np.linalg.norm(q))[0].T
+    arms = OFFSETS @ matrix_from_quaternion(q[None] / np.linalg.norm(q))[0].T
     centre, up = np.append(rng.uniform(0.0, 8.0, 2), 0.0), 0.0
 
     def overlaps():
@@ -303,7 +302,7 @@ def two_bodies(rng, force, closing):
     Z[:, step_start.ARM] = 2.3, 1.7
     Z[:, [step_start.MASS_FRACTION, step_start.NOW, step_start.BEFORE]] = 1.0, 1.5, 0.5
     P[:, patch.FREE], P[:, patch.MASS] = 1.0, 0.2
-    centres = np.einsum("nij,nj->ni", rotation_matrices(q)[[0, 1]], offsets[[0, 3]])
+    centres = np.einsum("nij,nj->ni", matrix_from_quaternion(q)[[0, 1]], offsets[[0, 3]])
     Z[0, :3] = centres[1] - centres[0] + (radii[0] + radii[3] - OVERLAP) * normal
     H = np.zeros((1, contact_state.LAW + HISTORY))
     H[0, contact_state.AXIS3], H[0, contact_state.SLIP] = unit(*np.cross(normal, rng.standard_normal(3))), contact_state.CLOSED

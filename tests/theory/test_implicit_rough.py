@@ -18,7 +18,7 @@ from thirdbody.engine.snapshot import restore, snapshot
 from thirdbody.kernels.step_tables import step_memory
 from thirdbody.kernels.tables import patch as plate
 from thirdbody.kernels.tables import run_totals
-from thirdbody.runner.prepare import prepare, set_threads
+from thirdbody.runner.simulate import prepare, set_threads
 from thirdbody.scene.model import ConstantVelocity, Motion
 from thirdbody.studies.timing import NUDGE
 

@@ -10,7 +10,7 @@ from thirdbody.assembly.simulation import build
 from thirdbody.engine.state import angular_momentum, orientations
 from thirdbody.kernels.explicit.critical_time_step import stable_step
 from thirdbody.kernels.tables import body, body_extra
-from thirdbody.rotations import rotation_matrices
+from thirdbody.rotations import matrix_from_quaternion
 from thirdbody.scene.model import Effects, Spheres
 
 MOMENTS, SPIN = (1.0, 2.0, 3.0), (0.05, 1.0, 0.05)
@@ -33,7 +33,7 @@ def swing(make, step):
     while simulation.state.time < 1.9 * PERIOD:
         make.advance(simulation)
         bodies = simulation.state.bodies
-        rows.append((simulation.state.time, rotation_matrices(bodies.quaternion[:1])[0][:, 1] @ bodies.spin[0]))
+        rows.append((simulation.state.time, matrix_from_quaternion(bodies.quaternion[:1])[0][:, 1] @ bodies.spin[0]))
     time, middle = np.array(rows).T
     k = np.flatnonzero((middle[:-1] < 0.0) & (middle[1:] >= 0.0))
     assert len(k) == 2

@@ -8,14 +8,14 @@ import pytest
 from each import each
 
 import thirdbody
-from thirdbody.assembly.inertial_number import FAST, SLOW, inertial_number
+from thirdbody.assembly.integrator import FAST, SLOW, inertial_number
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.accuracy import CREATED_ENERGY_GUARD, NEGLIGIBLE, created_fractions
 from thirdbody.engine.guards import Ledger
 from thirdbody.engine.upper_plate import Segment, mean_value
 from thirdbody.errors import GuardStop, InputError
 from thirdbody.kernels.tables import body, run_totals
-from thirdbody.runner.accuracy_warnings import patches_not_carried
+from thirdbody.runner.verdicts import patches_not_carried
 from thirdbody.scene.model import ConstantVelocity, Motion, Scene, Stroke
 
 SCENES = Path(__file__).parents[2] / "scenes"

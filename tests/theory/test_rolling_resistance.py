@@ -7,8 +7,8 @@ import pytest
 import three_spot_theory as theory
 
 from thirdbody.assembly.simulation import build
+from thirdbody.engine.explicit import bound
 from thirdbody.engine.guards import Ledger
-from thirdbody.engine.time_step import bound
 from thirdbody.kernels.tables import body, body_extra, record, run_totals
 from thirdbody.scene.model import ConstantVelocity, Effects, Motion
 

@@ -15,9 +15,9 @@ from thirdbody_three_spot.mdr import MDR, SpringParameters
 
 from thirdbody.kernels.arguments import Motion
 from thirdbody.kernels.plates import BASINS
-from thirdbody.kernels.rolling_kinematics import travel
+from thirdbody.kernels.rolling_kinematics import gather_rolling
 from thirdbody.kernels.tables import patch, sphere
-from thirdbody.kernels.tile import TILE, geometry
+from thirdbody.kernels.tile import TILE, geometry, law_input, rolling_input
 from thirdbody.laws.data import Load
 
 E_STAR, G_STAR, RADIUS, MU = 1.0, 0.8, 1.0, 0.3
@@ -148,7 +148,8 @@ def spheres(*rows):
     return S
 
 
-Tables = namedtuple("Tables", "own partner S P")
+Tables = namedtuple("Tables", "own partner S P n_history rolling")
+Tile = namedtuple("Tile", "inputs geometry")
 
 
 def path(S, i, j, normal, arms, plate=0.0):
@@ -157,9 +158,11 @@ def path(S, i, j, normal, arms, plate=0.0):
     e, f = ((1, 0, 0), (0, 1, 0)) if abs(normal[2]) == 1 else ((0, 1, 0), (0, 0, 1))
     G[geometry.NORMAL3, 0], G[geometry.AXIS3, 0], G[geometry.CROSS_AXIS3, 0] = normal, e, f
     G[geometry.ARM, 0], G[geometry.PARTNER_ARM, 0] = arms
-    nobody = np.zeros(0, np.int32)
-    tables = Tables(nobody, nobody, S, np.zeros((1, patch.WIDTH)))
-    return plain(travel)(i, j, 0, tables, Motion(1.0, plate, 0.0), G.ravel())
+    tables = Tables([i], [j], S, np.zeros((1, patch.WIDTH)), 0, 1)
+    tile = Tile(np.zeros((law_input.HISTORY + rolling_input.WIDTH) * TILE), G.ravel())
+    plain(gather_rolling)(0, 0, tables, Motion(1.0, plate, 0.0), tile)
+    first = law_input.HISTORY + rolling_input.TRAVEL_X
+    return tuple(tile.inputs.reshape(-1, TILE)[first : first + 2, 0])
 
 
 def test_the_path_of_the_patch():

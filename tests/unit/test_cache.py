@@ -22,25 +22,20 @@ OTHER_USER = 54321
 
 @pytest.fixture
 def surroundings(tmp_path, monkeypatch) -> Path:
-    """A home, a folder for temporary files, a current folder, none of the variables, and a place not yet chosen."""
+    """A home, a folder for temporary files, a current folder, and none of the variables."""
     for name in ("home", "temporary", "current"):
         (tmp_path / name).mkdir()
     monkeypatch.setenv(cache.VARIABLE, "")  # restored afterwards, also where the code sets it
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
-    monkeypatch.setattr(cache, "_cached_folder", None)
     monkeypatch.chdir(tmp_path / "current")
     return tmp_path
 
 
 @pytest.fixture
-def choose(surroundings, monkeypatch):
-    def call():  # as a new process does
-        monkeypatch.setattr(cache, "_cached_folder", None)
-        return cache.cache_folder()
-
-    return call
+def choose(surroundings):
+    return cache.cache_folder.__wrapped__  # as a new process does
 
 
 def owned_by_other(probe):
@@ -261,13 +256,13 @@ def test_a_damaged_generated_module_is_written_anew(monkeypatch, tmp_path):
         del sys.modules[module.__name__]
         return module.value, path
 
-    monkeypatch.setattr(generated.cache, "_folder", tmp_path)
+    monkeypatch.setattr(generated.cache, "folder", lambda: tmp_path)
     text = "value = 31 + 11  # as a law\n"
     path = value(text)[1]
     for name, damage in DAMAGE.items():
         damage(path)
         assert value(text) == (42, path), name
         assert path.read_text() == text and [p.name for p in tmp_path.iterdir()] == [path.name]
-    monkeypatch.setattr(generated.cache, "_folder", tmp_path / "gone")
+    monkeypatch.setattr(generated.cache, "folder", lambda: tmp_path / "gone")
     with pytest.raises(OutputError, match="compiled code cannot be written"):
         value("value = 1\n")

@@ -14,7 +14,7 @@ import thirdbody
 from thirdbody.engine import units
 from thirdbody.jit.arguments import address
 from thirdbody.jit.options import Entry, entry
-from thirdbody.runner.prepare import likely_units
+from thirdbody.runner.simulate import likely_units
 
 SCENES = Path(__file__).parents[2] / "scenes"
 REST = ("search", "books", "labels")

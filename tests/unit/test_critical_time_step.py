@@ -8,14 +8,14 @@ import pytest
 from numba import njit
 from scipy.linalg import eigh
 
-from thirdbody.engine.time_step import DAMPING_FRACTION, STABILITY_FRACTION, _contact_bounds, bound
+from thirdbody.engine.explicit import DAMPING_FRACTION, STABILITY_FRACTION, _contact_bounds, bound
 from thirdbody.jit.arguments import address
 from thirdbody.kernels.arguments import LAW
 from thirdbody.kernels.neighbour_search import incidences
 from thirdbody.kernels.plates import BASINS
 from thirdbody.kernels.tables import body, body_extra, domain, patch, run_totals, sphere, surface_contact
 from thirdbody.kernels.tile import TILE, law_input
-from thirdbody.rotations import rotation_matrices
+from thirdbody.rotations import matrix_from_quaternion
 
 NEAR = 0.3  # spheres are candidates when they are not farther apart
 
@@ -149,7 +149,7 @@ def root(values: np.ndarray) -> float:
 def full(state) -> list[tuple[float, str, int, float]]:
     """Step, mechanism, body and longest stable step of every body and patch, the one that limits first."""
     sums, patches = everything(state)
-    turns = rotation_matrices(state.orientations)
+    turns = matrix_from_quaternion(state.orientations)
     rows = []
     for b in range(state.n_bodies):
         mass = np.diag([state.B[b, body.MASS]] * 6)

@@ -8,10 +8,10 @@ from steel import scene_text
 
 from thirdbody.assembly.populate import populate, sphere_centres
 from thirdbody.assembly.simulation import build
-from thirdbody.bodies.clump import matrix_from_quaternion
 from thirdbody.debris.file import File
 from thirdbody.errors import InputError
 from thirdbody.laws.registry import discover
+from thirdbody.rotations import matrix_from_quaternion
 from thirdbody.scene.model import Scene
 
 # a dumbbell of unequal balls, a ball, and a crooked body of three; rows of a body need not stand together

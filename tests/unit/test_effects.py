@@ -6,11 +6,11 @@ from each import each
 from shared_runs import PLATES, clumps
 
 import thirdbody
+from thirdbody.assembly.cautions import adhesion_remarks
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.guards import Ledger
 from thirdbody.errors import InputError
 from thirdbody.kernels.tables import record
-from thirdbody.report.adhesion_check import remarks
 from thirdbody.scene.model import Scene
 
 MATERIALS = """\
@@ -116,7 +116,7 @@ def test_a_pair_may_have_its_own_work_of_adhesion():
     ):  # fmt: skip
         assert pull_off is not None
         assert pull_off(np.array([0, 1]), np.full(2, 1e-6)) == pytest.approx(factor * np.pi * 1e-6 * np.array([0.02, 0.05]))
-    texts = [(pair, text.partition(",")[0]) for pair, text, _ in remarks(built)]
+    texts = [(pair, text.partition(",")[0]) for pair, text, _ in adhesion_remarks(built.choice, built.state)]
     assert texts == [("steel/brass", "w = 20 mJ/m2"), ("brass/brass", "w = 50 mJ/m2")]
     stronger = build(scene(*adhesive("2 J/m2")))
     assert stronger.choice.reach(1e-6) > 5.0 * built.choice.reach(1e-6)  # w^(2/3): that of the strongest pair

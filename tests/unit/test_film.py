@@ -8,15 +8,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from layer import R, hue_share, skip_unless_drawable, write_layer
+from PIL import Image
 
 from thirdbody.errors import InputError, MissingLibrary
 from thirdbody.palette import STATE_COLORS
-from thirdbody.render.closeup_data import _spots, read_close_up
 from thirdbody.render.coloring import Coloring, Legend
 from thirdbody.render.film import frame_numbers, gif, mp4
-from thirdbody.render.force_tubes import force_tubes, nearest_image
 from thirdbody.render.layout import compute_layout
-from thirdbody.render.picture_data import read_picture_data
+from thirdbody.render.picture_data import force_tubes, nearest_image, read_close_up, read_picture_data, read_spots
 from thirdbody.render.render import render
 from thirdbody.trajectory.reader import open_run
 
@@ -39,7 +38,7 @@ def gif_pictures(image) -> list[np.ndarray]:
     return pictures
 
 
-def test_frames_are_named_as_python_slices_and_options_go_together(layer, tmp_path):
+def test_frames_are_named_as_python_slices_and_options_go_together(layer, tmp_path, monkeypatch):
     every = [0, 1, 2, 3, 4, 5, 6]
     slices = {None: every, "1:6:2": [1, 3, 5], "-3:": [4, 5, 6], "::3": [0, 3, 6], "::-3": [6, 3, 0]}
     assert {text: frame_numbers(text, 7) for text in slices} == slices
@@ -54,10 +53,13 @@ def test_frames_are_named_as_python_slices_and_options_go_together(layer, tmp_pa
     ):
         with pytest.raises(InputError, match=message):
             render(layer, tmp_path / name, **options)
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(MissingLibrary, match=r'MP4 needs PyAV .*: pip install "thirdbody\[film\]", or name a .gif'):
+        render(layer, tmp_path / "a.mp4")
 
 
 @pytest.mark.full(kind="slow")
-def test_an_mp4_and_a_gif_keep_count_order_size_and_rate_and_pyav_may_be_missing(monkeypatch):
+def test_an_mp4_and_a_gif_keep_count_order_size_and_rate():
     av = pytest.importorskip("av")
     content = mp4(flat_pictures(5), 10)
     with av.open(io.BytesIO(content)) as container:
@@ -68,20 +70,17 @@ def test_an_mp4_and_a_gif_keep_count_order_size_and_rate_and_pyav_may_be_missing
         stream = container.streams.video[0]
         assert (stream.width, stream.height, float(stream.average_rate)) == (64, 48, 10.0)
         assert stream.codec_context.pix_fmt == "yuv420p"  # others do not play everywhere
-    image = pytest.importorskip("PIL.Image").open(io.BytesIO(gif(flat_pictures(5), 10)))
+    image = Image.open(io.BytesIO(gif(flat_pictures(5), 10)))
     assert (image.n_frames, image.size, image.info["duration"]) == (5, (64, 48), 100)
     red = [picture[:, :, 0].mean() for picture in gif_pictures(image)]
     assert red == pytest.approx([100, 120, 140, 160, 180], abs=1)  # five colours fit a palette
-    monkeypatch.setitem(sys.modules, "av", None)
-    with pytest.raises(MissingLibrary, match="pip install av, or name a .gif"):
-        mp4(flat_pictures(1), 10)
 
 
 def test_one_plan_holds_what_all_frames_need(layer):
     with open_run(layer) as run:
         shots = [read_picture_data(run, number, "state") for number in range(run.frames)]
         layout = compute_layout(iter(shots), (320, 240), "iso", None)
-        speeds = [read_picture_data(run, number, "speed").legend.scale for number in range(2)]
+        speeds = [read_picture_data(run, number, "speed").legend for number in range(2)]
     assert np.all([np.all(layout.low <= picture.low) and np.all(layout.high >= picture.high) for picture in shots])
     assert np.allclose(layout.directions, [[1.0, 0.0]])
     # zoom keeps the middle of the domain
@@ -97,9 +96,8 @@ def test_a_film_moves_its_bodies_and_nothing_else(layer, tmp_path):
     options = {"size": (480, 270), "frames": "0:6:2", "fps": 5}
     film = render(layer, tmp_path / "a.gif", **options, progress=lambda done, total: told.append((done, total)))
     assert told == [(1, 3), (2, 3), (3, 3)]  # each picture when it is drawn
-    image = pytest.importorskip("PIL.Image")
-    assert image.open(film).info["duration"] == 200  # ms, of five pictures a second
-    pictures = gif_pictures(image.open(film))
+    assert Image.open(film).info["duration"] == 200  # ms, of five pictures a second
+    pictures = gif_pictures(Image.open(film))
     assert len(pictures) == 3 and pictures[0].shape == (270, 480, 3)
     for state in ("sticking", "sliding", "rolling"):
         assert hue_share(pictures[2], STATE_COLORS[state]) > 0.005, state
@@ -116,10 +114,9 @@ def test_a_film_moves_its_bodies_and_nothing_else(layer, tmp_path):
 def test_a_body_is_followed_or_passes_by(layer, tmp_path):
     """Followed, the particle stays where it is in the picture; before a fixed camera it goes along."""
     skip_unless_drawable()
-    image = pytest.importorskip("PIL.Image")
     moved = {}
     for camera in ("follow", "fixed"):
-        film = image.open(render(layer, tmp_path / f"{camera}.gif", size=(480, 270), frames="0:2", body=30, camera=camera))
+        film = Image.open(render(layer, tmp_path / f"{camera}.gif", size=(480, 270), frames="0:2", body=30, camera=camera))
         colored = [np.ptp(pixels.astype(int)[45:230, :320], axis=2) > 70 for pixels in gif_pictures(film)]
         places = [np.argwhere(there)[:, 1].mean() for there in colored]
         moved[camera] = places[1] - places[0]
@@ -146,7 +143,7 @@ def test_the_other_body_of_a_contact_feels_the_opposite_force_at_the_nearest_ima
     paint = Coloring(np.zeros(2), Legend("x", limits=(0.0, 1.0)))
     one = {"normal": np.array([[0.6, 0.0, 0.8]]), "normal_force": [5.0], "utilisation": [0.0], "contact_radius": [1.0]}
     run = SimpleNamespace(contacts=lambda frame: contacts | {name: np.array(values) for name, values in one.items()})
-    owner, partner = (_spots(run, 0, body, bodies, body, None) for body in (1, 0))
+    owner, partner = (read_spots(run, 0, body, bodies["position"][body], None) for body in (1, 0))
     assert owner.force.tolist() == [[3.0, 0.0, 4.0]] and partner.force.tolist() == [[-3.0, 0.0, -4.0]]
     tubes = force_tubes(contacts, bodies, np.zeros((2, 3)), np.array([10.0, 10.0]), paint)
     assert tubes.force == pytest.approx([5.0, 5.0], rel=1e-12)
@@ -160,10 +157,9 @@ def test_the_other_body_of_a_contact_feels_the_opposite_force_at_the_nearest_ima
 
 def test_a_close_up_is_drawn_with_spots_in_the_colour_of_sticking(layer, tmp_path):
     skip_unless_drawable()
-    image = pytest.importorskip("PIL.Image")
     with open_run(layer) as run:
         number = int(np.flatnonzero(run.states[0] == 2)[0])  # does not stick: blue are its two spots, their cones and numbers
-    pixels = np.array(image.open(render(layer, tmp_path / "a.png", size=(800, 450), body=number)).convert("RGB"))
+    pixels = np.array(Image.open(render(layer, tmp_path / "a.png", size=(800, 450), body=number)).convert("RGB"))
     assert pixels.shape == (450, 800, 3)
     scene = pixels[60:380, :540]
     # The numbers of two spots alone are 0.15 % of the scene; the light plates are no blue of 25 steps.

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from thirdbody.palette import STATE_COLORS
 from thirdbody.plot import forecast_plot
 from thirdbody.plot.forecast_plot import BAND, NEVER, Forecasts, agreement, draw_into
-from thirdbody.report.forecast_check import compare_forecast, forecasts
+from thirdbody.report.forecast import compare_forecast, forecasts
 from thirdbody.trajectory.reader import open_run
 from thirdbody.trajectory.schema import Frame
 from thirdbody.trajectory.writer import TrajectoryWriter

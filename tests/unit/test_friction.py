@@ -23,7 +23,7 @@ from thirdbody.plot.summary_page import page
 from thirdbody.render.notebook import run_html
 from thirdbody.render.picture_data import read_picture_data
 from thirdbody.report.tables import run_report
-from thirdbody.runner.accuracy_warnings import ending_warnings, step_words
+from thirdbody.runner.verdicts import ending_warnings, step_words
 from thirdbody.trajectory.drag import Drag
 from thirdbody.trajectory.friction import _verdict, change_and_error, friction_of
 from thirdbody.trajectory.summary import energy_verdict, run_summary

@@ -9,11 +9,10 @@ from thirdbody.engine import implicit, implicit_ensemble
 from thirdbody.engine.candidates import AllRows, ClosedRows
 from thirdbody.engine.guards import Ledger
 from thirdbody.engine.snapshot import restore, snapshot
-from thirdbody.report.scene_check import memory_of
 from thirdbody.runner.checkpoint import read_checkpoint
-from thirdbody.runner.prepare import prepare
+from thirdbody.runner.outlook import memory_of
 from thirdbody.runner.run_loop import WallTimes
-from thirdbody.runner.simulate import execute
+from thirdbody.runner.simulate import execute, prepare
 from thirdbody.scene.model import Scene
 from thirdbody.trajectory.frame import FrameMaker
 from thirdbody.trajectory.reader import open_run

@@ -12,7 +12,7 @@ import thirdbody
 from thirdbody.assembly.simulation import build
 from thirdbody.engine import meeting
 from thirdbody.errors import GuardStop, InputError
-from thirdbody.report import integration_trial
+from thirdbody.runner import outlook
 from thirdbody.runner.simulate import execute, prepare
 from thirdbody.scene.model import Scene
 
@@ -147,9 +147,9 @@ def test_the_trial_measures_the_drag_however_long_bodies_settle(settled, tried, 
         clock[0] += 1e5 * (until - path[0])
         path[0] = until
 
-    monkeypatch.setattr(integration_trial.time, "perf_counter", lambda: clock[0])
+    monkeypatch.setattr(outlook.time, "perf_counter", lambda: clock[0])
     built = SimpleNamespace(planned_distance=1e-3, schedule=SimpleNamespace(time_of=lambda distance, _start: distance))
-    seconds = integration_trial._with_drag(built, SimpleNamespace(trial=trial), 1, 0.0)
+    seconds = outlook._with_drag(built, SimpleNamespace(trial=trial), 1, 0.0)
     assert path[0] == tried and seconds == pytest.approx(settled + 1e5 * 1e-3, rel=1e-9)  # rounding
 
 

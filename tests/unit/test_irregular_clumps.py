@@ -1,16 +1,19 @@
 """Irregular clumps and size distributions: reproducible, connected, of the size and shape asked for."""
 
 import math
+import tomllib
 from dataclasses import replace
 from statistics import NormalDist
 
 import numpy as np
 import pytest
+from steel import scene_text
 
 from thirdbody.bodies.clump import clump
 from thirdbody.bodies.irregular_clumps import diameters, irregular, population
 from thirdbody.bodies.resting_poses import settle_all
 from thirdbody.errors import InputError
+from thirdbody.scene.model import Scene
 
 SIZE = {"distribution": "lognormal", "median": 1e-5, "sigma": 0.2, "min": 5e-6, "max": 2e-5}
 
@@ -79,7 +82,7 @@ def test_aspect_shows():
 
 def test_cut_lognormal_has_the_moments_of_theory():
     count, sigma, low, high = 20_000, 0.5, 0.6, 1.8
-    drawn = diameters(np.random.default_rng(1), count, "lognormal", median=1.0, sigma=sigma, min=low, max=high)
+    drawn = diameters([np.random.default_rng(1)] * count, "lognormal", median=1.0, sigma=sigma, min=low, max=high)
     phi = NormalDist().cdf
     a, b = math.log(low) / sigma, math.log(high) / sigma
     # moments of a truncated lognormal, P(k) = Phi(b - k s) - Phi(a - k s), E x^k = exp(k^2 s^2/2) P(k) / P(0)
@@ -92,42 +95,47 @@ def test_cut_lognormal_has_the_moments_of_theory():
 
 
 def test_normal_uniform_constant():
-    rng, count = np.random.default_rng(2), 20_000
-    normal = diameters(rng, count, "normal", mean=10.0, sigma=2.0)
+    count = 20_000
+    rngs = [np.random.default_rng(2)] * count
+    normal = diameters(rngs, "normal", mean=10.0, sigma=2.0)
     assert normal.mean() == pytest.approx(10.0, abs=4.0 * 2.0 / math.sqrt(count))  # four sigma
     assert normal.std() == pytest.approx(2.0, rel=0.03)
-    uniform = diameters(rng, count, "uniform", min=2.0, max=5.0)
+    uniform = diameters(rngs, "uniform", min=2.0, max=5.0)
     assert (
         2.0 < uniform.min() and uniform.max() < 5.0 and uniform.mean() == pytest.approx(3.5, abs=12.0 / math.sqrt(12.0 * count))
     )
-    assert diameters(rng, 3, "constant", value=2.0).tolist() == [2.0, 2.0, 2.0]
+    assert diameters(rngs[:3], "constant", value=2.0).tolist() == [2.0, 2.0, 2.0]
     # far tails keep their shape: Mills ratio of the normal tail: phi(8)/Q(8) - 8 = 0.1213 (Abramowitz and Stegun 26.2.12)
-    high = diameters(np.random.default_rng(3), 4000, "normal", mean=10.0, sigma=1.0, min=18.0, max=30.0)
+    high = diameters([np.random.default_rng(3)] * 4000, "normal", mean=10.0, sigma=1.0, min=18.0, max=30.0)
     assert high.mean() - 18.0 == pytest.approx(0.1213, rel=0.07) and high.min() >= 18.0  # four sigma of 4000
 
 
 def test_impossible_clumps_and_sizes_are_refused():
     body = irregular(np.random.default_rng(0), 1, [1, 0.5, 0.5], 2.0)
     assert body.radii.tolist() == [1.0] and body.error == 0.0  # one sphere is a sphere
-    for n, aspect, d in ((0, [1, 1, 1], 1.0), (4, [1, 0, 1], 1.0), (4, [1, 1], 1.0), (4, [1, 1, 1], -1.0)):
-        with pytest.raises(InputError):
-            irregular(np.random.default_rng(0), n, aspect, d)
-    with pytest.raises(InputError, match="spheres"):
-        population(1, 0, 1, (5, 4), [1, 1, 1], **SIZE)
-    for size, word in (
-        ({"distribution": "lognormal", "median": 1.0}, "sigma"), ({"distribution": "uniform", "min": 2.0, "max": 1.0}, "min"),
-        ({"distribution": "constant", "value": -1.0}, "value"),
-        ({"distribution": "normal", "mean": 1.0, "sigma": 0.01, "min": 8.0, "max": 9.0}, "nothing between"),
+    with pytest.raises(InputError, match="nothing between"):
+        diameters([np.random.default_rng(0)], "normal", mean=1.0, sigma=0.01, min=8.0, max=9.0)
+    # the scene refuses the others
+    sound = {"kind": "irregular", "material": "steel", "count": 1, "size": 1e-5, "spheres": 4, "aspect": [1, 1, 1]}
+    for key, value, word in (
+        ("spheres", 0, "spheres"), ("spheres", [5, 4], "spheres"), ("aspect", [1, 0, 1], "aspect"), ("aspect", [1, 1], "aspect"),
+        ("size", -1e-5, "size"), ("size", {"distribution": "lognormal", "median": 1.0}, "sigma"),
+        ("size", {"distribution": "uniform", "min": 2.0, "max": 1.0}, "min"),
+        ("size", {"distribution": "constant", "value": -1.0}, "value"), ("size", {"distribution": "log"}, "distribution"),
+        ("angularity", -0.1, "angularity"), ("angularity", 1.1, "angularity"), ("angularity", math.nan, "angularity"),
+        ("asperities", {"count": 3}, "radius"), ("asperities", {"count": 0, "radius": "0.1 um"}, "count"),
+        ("asperities", {"radius": 0.6}, "radius"),
     ):  # fmt: skip
-        with pytest.raises(InputError, match=word):
-            diameters(np.random.default_rng(0), 1, **size)
+        with pytest.raises(InputError) as caught:
+            Scene.of(tomllib.loads(scene_text("", '["50 um", "50 um"]')) | {"debris": [sound | {key: value}]})
+        assert word in str(caught.value) and key in caught.value.faults[0].key
 
 
 def test_bodies_made_together_are_each_as_one_alone():
     size, angularity, aspect = {"distribution": "lognormal", "median": 1e-5, "sigma": 0.2}, 0.8, (1.0, 0.8, 0.6)
     for k, body in enumerate(population(3, 2, 20, (1, 7), aspect, angularity, **size)):
         rng = np.random.default_rng(np.random.SeedSequence(3, spawn_key=(2, k)))
-        n, d = int(rng.integers(1, 8)), float(diameters(rng, 1, **size)[0])
+        n, d = int(rng.integers(1, 8)), float(diameters([rng], **size)[0])
         alone = irregular(rng, n, aspect, d, angularity)
         assert len(body.radii) == n
         # the same numbers in the same order; products of matrices may be summed in another

@@ -15,8 +15,8 @@ from trajectories import whole_and_resumed
 import thirdbody
 from thirdbody.errors import InputError
 from thirdbody.plugin import NO_FORECAST
-from thirdbody.runner.output_schedule import SETTLING, planned_frames, targets
-from thirdbody.runner.prepare import prepare
+from thirdbody.runner.simulate import prepare
+from thirdbody.runner.stops import SETTLING, planned_frames, targets
 from thirdbody.trajectory.open_file import FILE_NAME
 from thirdbody.trajectory.read_blocks import rows_of
 from thirdbody.trajectory.sampling import ELSEWHERE, REVERSED, sample_of

@@ -15,13 +15,14 @@ from thirdbody.assembly.initial_relaxation import UNLOADED_OVERLAP
 from thirdbody.assembly.placement import spheres_of
 from thirdbody.assembly.populate import populate
 from thirdbody.assembly.simulation import build
-from thirdbody.bodies.clump import clump, matrix_from_quaternion
-from thirdbody.bodies.dense_packing import pack
+from thirdbody.bodies.clump import clump
 from thirdbody.bodies.irregular_clumps import population
-from thirdbody.bodies.layer_packing import overlaps, place_layer, projected_area
-from thirdbody.bodies.resting_poses import settle
+from thirdbody.bodies.overlap_removal import pack
+from thirdbody.bodies.packing import overlaps, place_layer, projected_area
+from thirdbody.bodies.resting_poses import settle_all
 from thirdbody.errors import InputError, Interrupted
 from thirdbody.laws.registry import discover
+from thirdbody.rotations import matrix_from_quaternion
 from thirdbody.scene.model import Scene
 
 COUNT, UM, SIZE = 30, 1e-6, (50e-6, 50e-6)
@@ -42,7 +43,7 @@ def bodies():
     size = {"distribution": "lognormal", "median": 1e-5, "sigma": 0.3, "min": 4e-6, "max": 3e-5}
     clumps = population(1, 0, COUNT, (3, 5), [1.0, 0.8, 0.6], **size)
     rng = np.random.default_rng(2)
-    return clumps, np.array([settle(body, rng)[0] for body in clumps])
+    return clumps, settle_all(clumps, rng)[0]
 
 
 def world(clumps, quaternions, xy):

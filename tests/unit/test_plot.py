@@ -10,8 +10,7 @@ from matplotlib.colors import to_hex
 
 from thirdbody.errors import InputError, MissingLibrary, OutputError, UsageError
 from thirdbody.palette import STATE_COLORS
-from thirdbody.plot.panels_friction import loop_area, stretches
-from thirdbody.plot.panels_series import ledger
+from thirdbody.plot.drag_panels import ledger, loop_area, stretches
 from thirdbody.plot.run_data import RunData
 from thirdbody.plot.summary_page import NAMES, page, plot
 from thirdbody.render import render as render_module

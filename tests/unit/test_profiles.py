@@ -17,7 +17,7 @@ from thirdbody.errors import InputError
 from thirdbody.kernels.table import Rows
 from thirdbody.kernels.tables import DEBRIS, LOWER, ONLY_LOWER, UPPER, body, contact_state, patch, record, sphere
 from thirdbody.palette import STATE_COLORS
-from thirdbody.plot import panels_profiles
+from thirdbody.plot.summary_page import PANELS
 from thirdbody.scene.model import Scene
 from thirdbody.trajectory.bed_measures import EDGE, rising_profile, shear_zone
 from thirdbody.trajectory.profiles import Profiler, Slabs, line_parts, sphere_parts
@@ -303,11 +303,12 @@ def test_profiles_are_drawn_along_the_motion_of_the_plate():
                           plates=lambda k: {"position": np.tile([0.0, steps[: k + 1].sum(), 1.0], (8, 1))})  # fmt: skip
     drag = SimpleNamespace(steps=steps, durations=1e-6 * np.array([0, 1, 1, 3]), headings=np.outer(side, [0.0, 1.0, 0.0]),
                            steady=np.array([False, False, True, True]))  # fmt: skip
+    run.drag = drag
     data = SimpleNamespace(run=run, drag=drag, start=0, frames=4, fractions=["rolling"],
                            series={"upper_force": forces[0], "lower_force": forces[1]}, colors=STATE_COLORS)  # fmt: skip
     axes = Figure().subplots(3)
-    for one, name in zip(axes, ("velocity", "stress", "states_profile"), strict=True):
-        getattr(panels_profiles, f"draw_{name}")(one, data)
+    for one, name in zip(axes, ("velocity", "stress", "states"), strict=True):
+        PANELS[f"{name}_profile"].draw(one, data)
     drawn = [[*entry.get_xdata(), *entry.get_ydata()] for entry in (*axes[0].lines, *axes[1].lines)]
     wanted = ((0.25, 0.75, 1, 3), (0, 1, 0, 4), (3, 3, 1, 3), (1, 1, 1, 3), (3, 3, 0, 4), (0.8, 1, 0, 4))
     np.testing.assert_allclose(drawn, wanted, atol=1e-9)

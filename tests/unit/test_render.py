@@ -2,7 +2,6 @@
 
 import json
 import re
-import subprocess
 import sys
 
 import numpy as np
@@ -12,10 +11,10 @@ from PIL import Image
 
 from thirdbody.errors import InputError, MissingLibrary, OutputError
 from thirdbody.palette import CATEGORY_COLORS, STATE_COLORS, category_colors, field_colors, rgb, state_colors
-from thirdbody.render import render as render_module
-from thirdbody.render.coloring import Coloring, LegendScale, compute_coloring
-from thirdbody.render.force_tubes import TUBE
-from thirdbody.render.picture_data import close_up_window, read_picture_data
+from thirdbody.render import elsewhere
+from thirdbody.render.coloring import Coloring, Legend, compute_coloring
+from thirdbody.render.layout import close_up_window
+from thirdbody.render.picture_data import TUBE, read_picture_data
 from thirdbody.render.render import render
 from thirdbody.trajectory.reader import open_run
 from thirdbody.units import with_unit
@@ -97,10 +96,10 @@ def test_options_that_cannot_be_and_missing_libraries_are_named(layer, tmp_path,
         render(layer, tmp_path / "absent" / "a.png")
     if sys.platform.startswith("linux"):  # only it needs these
         with monkeypatch.context() as patch, pytest.raises(MissingLibrary, match="libegl1.*libosmesa6"):
-            patch.setattr(render_module, "_loads", lambda library: False)
+            patch.setattr(elsewhere, "_loads", lambda library: False)
             render(layer, tmp_path / "a.png")
-    monkeypatch.setattr(render_module, "usable_windows", lambda: [None])
-    monkeypatch.setattr(render_module, "find_spec", lambda name: None)
+    monkeypatch.setattr(elsewhere, "usable_windows", lambda: [None])
+    monkeypatch.setattr(elsewhere, "find_spec", lambda name: None)
     with pytest.raises(MissingLibrary, match="pip install pyvista"):
         render(layer, tmp_path / "a.png")
 
@@ -108,19 +107,18 @@ def test_options_that_cannot_be_and_missing_libraries_are_named(layer, tmp_path,
 def test_a_crash_of_vtk_is_one_sentence_after_all_windows_were_tried(layer, tmp_path, monkeypatch):
     tried = []
 
-    def crash(job, kind, report):
+    def crash(module, job, kind, report):
         tried.append(kind)
-        return subprocess.CompletedProcess([], -11, "", "")
+        return -11, ""
 
-    monkeypatch.setattr(render_module, "usable_windows", lambda: ["one", "two"])
-    monkeypatch.setattr(render_module, "_start", crash)
+    monkeypatch.setattr(elsewhere, "usable_windows", lambda: ["one", "two"])
+    monkeypatch.setattr(elsewhere, "_start", crash)
     with pytest.raises(MissingLibrary, match="two ended with code -11.*libosmesa6"):
         render(layer, tmp_path / "a.png")
     assert tried == ["one", "two"]
     # a fault in the drawing is not blamed on libraries
-    fault = subprocess.CompletedProcess([], 1, "", "Traceback ...\nValueError: x")
-    monkeypatch.setattr(render_module, "usable_windows", lambda: [None])
-    monkeypatch.setattr(render_module, "_start", lambda job, kind, report: fault)
+    monkeypatch.setattr(elsewhere, "usable_windows", lambda: [None])
+    monkeypatch.setattr(elsewhere, "_start", lambda *words: (1, "Traceback ...\nValueError: x"))
     with pytest.raises(RuntimeError, match="ValueError: x"):
         render(layer, tmp_path / "a.png")
 
@@ -147,9 +145,9 @@ def test_bodies_are_wrapped_whole_into_the_domain(tmp_path):
 def test_fields_reasons_and_counts_in_the_legend(layer):
     with open_run(layer) as run:
         speed, utilisation, reasons = (read_picture_data(run, 0, color) for color in ("speed", "utilisation", "reason"))
-        kept = read_picture_data(run, 0, "state_reason", scale=LegendScale(codes=frozenset({0, 1, 2})))
+        kept = read_picture_data(run, 0, "state_reason", scale=Legend(codes=(0, 1, 2)))
         gap = {"state_reason": np.array([0, 2], np.uint8)}
-        gapped = compute_coloring(run, 0, "reason", gap, {}, np.arange(2), LegendScale())
+        gapped = compute_coloring(run, 0, "reason", gap, {}, np.arange(2), Legend())
         states, counts = read_picture_data(run, -1, "state"), np.bincount(run.states[-1], minlength=4)
         lengths, across = np.linalg.norm(run.bodies(0)["velocity"], axis=1), read_picture_data(run, 0, "velocity_y")
         assert across.legend.limits == (run.bodies(0)["velocity"][:, 1].min(), run.bodies(0)["velocity"][:, 1].max())
@@ -161,7 +159,7 @@ def test_fields_reasons_and_counts_in_the_legend(layer):
     ends = Coloring(np.zeros(0), speed.legend).colors(np.array(speed.legend.limits))
     assert ends.tolist() == field_colors(np.array([0.0, 1.0])).tolist()
     with open_run(layer) as run:
-        film = read_picture_data(run, 0, "speed", scale=LegendScale((0.0, 9.0)))
+        film = read_picture_data(run, 0, "speed", scale=Legend(limits=(0.0, 9.0)))
     assert film.legend.limits == (0.0, 9.0)  # common to all frames
     # A body takes the larger of its two contacts; the scale holds for the tubes of both.
     assert utilisation.legend.limits == (0.75, 0.75)

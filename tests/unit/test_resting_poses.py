@@ -6,9 +6,10 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from thirdbody.bodies.clump import Clump, clump, matrix_from_quaternion
+from thirdbody.bodies.clump import Clump, clump
 from thirdbody.bodies.irregular_clumps import irregular
-from thirdbody.bodies.resting_poses import resting_poses, settle, settle_all
+from thirdbody.bodies.resting_poses import resting_poses, settle_all
+from thirdbody.rotations import matrix_from_quaternion
 
 
 def height(body, u):
@@ -95,12 +96,12 @@ def test_no_minimum_is_missed():
 
 def test_settle_is_reproducible_and_turns_about_the_vertical():
     body = irregular(np.random.default_rng(1), 6, [1, 0.8, 0.6], 1.0)
-    first, again = (settle(body, np.random.default_rng(5))[0] for _ in range(2))
+    first, again = (settle_all([body], np.random.default_rng(5))[0] for _ in range(2))
     assert np.array_equal(first, again)
     quaternions, heights = resting_poses(body)
     ups = ups_of(quaternions)
     for seed in range(20):
-        quaternion, h = settle(body, np.random.default_rng(seed))
+        (quaternion,), (h,) = settle_all([body], np.random.default_rng(seed))
         assert np.linalg.norm(quaternion) == pytest.approx(1.0, rel=1e-14)
         k = int(np.argmax(ups @ matrix_from_quaternion(quaternion)[2]))
         assert ups[k] == pytest.approx(matrix_from_quaternion(quaternion)[2], abs=1e-12)
@@ -113,7 +114,7 @@ def test_settled_together_or_one_after_the_other():
     quaternions, heights = settle_all(bodies, np.random.default_rng(5))
     rng = np.random.default_rng(5)
     for body, q, h in zip(bodies, quaternions, heights, strict=True):
-        alone, level = settle(body, rng)
+        (alone,), (level,) = settle_all([body], rng)
         assert q == pytest.approx(alone, abs=1e-13)  # the order of sums in products of matrices
         assert h == pytest.approx(level, rel=1e-13)
     assert settle_all([], rng)[0].shape == (0, 4)

@@ -9,23 +9,20 @@ from ensembles import ROUGH, arrays, scene
 from steel import scene_text
 
 import thirdbody
-from thirdbody.assembly.populate import populate, sphere_centres
-from thirdbody.assembly.rough_start import depth_in_lower, plate_heights
+from thirdbody.assembly.populate import depth_in_lower, plate_heights, populate, sphere_centres
 from thirdbody.assembly.surfaces import MERGING, NARROW, NOTICED, plate_surfaces, surface_scales
-from thirdbody.bodies.layer_packing import overlaps
+from thirdbody.bodies.packing import overlaps
 from thirdbody.errors import InputError, Interrupted
 from thirdbody.kernels import minima as contacts_of_spheres
 from thirdbody.kernels.closest_point import MERGE
 from thirdbody.kernels.plates import BASINS
 from thirdbody.kernels.tables import height_field, surface_contact
-from thirdbody.report.plates import print_rough_plates
-from thirdbody.runner.prepare import prepare
+from thirdbody.report.scene_check import print_rough_plates
 from thirdbody.runner.resume import prepare_resume
-from thirdbody.runner.simulate import execute
+from thirdbody.runner.simulate import execute, prepare
 from thirdbody.scene.model import Scene
-from thirdbody.surfaces.dilation import dilation
-from thirdbody.surfaces.surface import Surface
-from thirdbody.surfaces.waves import phases, sine_heights
+from thirdbody.surfaces.grid import phases, sine_heights
+from thirdbody.surfaces.surface import Surface, dilation
 
 SCENE = scene_text("{debris}", '["100 um", "80 um"]', 'load = "1 mN"', "surface = {surface}")
 A_WAVE = '{wave = {amplitude = "1 um", wavelength = "20 um"}}'

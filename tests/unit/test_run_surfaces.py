@@ -20,10 +20,10 @@ from thirdbody.palette import STATE_COLORS
 from thirdbody.render.coloring import Legend
 from thirdbody.render.picture_data import read_picture_data
 from thirdbody.render.render import render
-from thirdbody.render.surface_mesh import SHADE, skirt, window_mesh
+from thirdbody.render.surfaces import SHADE, skirt, window_mesh
 from thirdbody.render.web_viewer import FINEST, write_page
+from thirdbody.surfaces.grid import phases, sine_heights
 from thirdbody.surfaces.surface import Surface
-from thirdbody.surfaces.waves import phases, sine_heights
 from thirdbody.trajectory.reader import open_run
 from thirdbody.trajectory.writer import TrajectoryWriter
 

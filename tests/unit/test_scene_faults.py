@@ -7,9 +7,8 @@ import pytest
 from each import each
 from steel import STEEL
 
-from thirdbody import units
 from thirdbody.assembly.schedule import rows_of
-from thirdbody.bodies.clumps_from_table import load_bodies
+from thirdbody.bodies.body_tables import load_bodies
 from thirdbody.errors import InputError
 from thirdbody.scene.model import Scene, Spheres
 
@@ -226,13 +225,13 @@ def test_an_npz_of_too_many_spheres_is_refused(tmp_path):
     n = 1_000_001
     np.savez_compressed(tmp_path / "b.npz", center=np.zeros((n, 3)), radius=np.zeros(n), clump=np.zeros(n, int))
     with pytest.raises(InputError, match="center: has 1000001 rows, at most 1000000 spheres are read from one file"):
-        load_bodies(tmp_path / "b.npz", units.parse)
+        load_bodies(tmp_path / "b.npz")
 
 
 def test_tables_of_too_many_rows_are_refused_before_they_are_split(tmp_path):
     (tmp_path / "b.csv").write_bytes(b"clump,x [um],y [um],z [um],radius [um]\n" + b"1,1,1,1,1\n" * 1_000_001)
     with pytest.raises(InputError, match="b.csv: has 1000001 rows, at most 1000000 spheres are read from one file"):
-        load_bodies(tmp_path / "b.csv", units.parse)
+        load_bodies(tmp_path / "b.csv")
     (tmp_path / "m.csv").write_bytes(b"time (us), displacement (um)\n" + b"1,1\n" * 1_000_000)
     scene = Scene.parse(STEEL + BALL + TAIL, folder=tmp_path)
     with pytest.raises(InputError, match="is too large: at most 1000000 rows and 100 MB are read"):
@@ -243,7 +242,7 @@ def test_values_that_are_wrong_by_the_thousand_are_counted(tmp_path):
     n = 5000
     np.savez(tmp_path / "b.npz", center=np.full((n, 3), np.nan), radius=np.zeros(n), clump=np.zeros(n, int))
     with pytest.raises(InputError) as report:
-        load_bodies(tmp_path / "b.npz", units.parse)
+        load_bodies(tmp_path / "b.npz")
     assert len(report.value.faults) == 11 and report.value.faults[-1].message == "and 19990 more faults"
 
 

@@ -9,7 +9,7 @@ import trimesh
 from PIL import Image
 from steel import scene_text
 
-from thirdbody.assembly.clumps import shapes_of
+from thirdbody.assembly.populate import shapes_of
 from thirdbody.errors import OutputError
 from thirdbody.scene.model import Scene
 

@@ -9,17 +9,16 @@ import pytest
 from each import each
 from steel import scene_text
 
+from thirdbody.api import resume, run
 from thirdbody.assembly.bed import Bed
 from thirdbody.assembly.schedule import schedule
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.upper_plate import at_time
 from thirdbody.errors import InputError, Interrupted
-from thirdbody.report.bed_report import speed_report
 from thirdbody.report.scene_check import Check, check_report
-from thirdbody.runner.prepare import prepare
-from thirdbody.runner.resume import resume
+from thirdbody.runner.outlook import speed_report
 from thirdbody.runner.run_loop import WallTimes
-from thirdbody.runner.simulate import execute, run
+from thirdbody.runner.simulate import execute, prepare
 from thirdbody.scene.model import Scene
 from thirdbody.scene.speed import at_speed
 from thirdbody.trajectory.reader import open_run

@@ -9,10 +9,11 @@ from scipy.integrate import quad
 from steel import scene_text
 
 from thirdbody.assembly.populate import populate
-from thirdbody.bodies.clump import clump, matrix_from_quaternion
+from thirdbody.bodies.clump import clump
 from thirdbody.bodies.resting_poses import resting_poses
 from thirdbody.debris.spheroid import corrugation, layout, number_of_spheres, spheres_in_rings
 from thirdbody.errors import InputError
+from thirdbody.rotations import matrix_from_quaternion
 from thirdbody.scene.model import Scene
 
 DEBRIS = '[[debris]]\nmaterial = "steel"\nkind = "spheroid"\ncount = {count}\nsize = {size}\n{more}'

@@ -6,7 +6,7 @@ from each import each
 from steel import scene_text
 
 from thirdbody.assembly.simulation import build
-from thirdbody.bodies.spots import rows, spot_body
+from thirdbody.bodies.clump import positions_in_rows, spot_body
 from thirdbody.errors import InputError
 from thirdbody.kernels.plates import BASINS
 from thirdbody.kernels.tables import body, body_extra
@@ -88,7 +88,7 @@ def test_bodies_of_spots():
     made = scene(PLANAR)
     assert Scene.parse(toml_text(made.document())) == made
     # rows fill the domain
-    places = rows(7, (30e-6, 10e-6))
+    places = positions_in_rows(7, (30e-6, 10e-6))
     assert places.shape == (7, 2) and np.all(places > 0.0) and np.all(places < [30e-6, 10e-6])
     assert len(np.unique(places.round(12), axis=0)) == 7
     # the mass and inertia given

@@ -7,13 +7,18 @@ import numpy as np
 import pytest
 from numba import njit
 
-from thirdbody.engine.explicit import LONGEST, MIN_MEASUREMENT, PAUSE, SHORT, STARVED, ThreadTuner
 from thirdbody.jit.options import BARE
 from thirdbody.jit.threads import (
     DISMISSED,
     DONE,
     FIRST,
     LINE,
+    LONGEST,
+    MIN_MEASUREMENT,
+    PAUSE,
+    SHORT,
+    STARVED,
+    ThreadTuner,
     allow_threads,
     allowed_threads,
     close_pass,

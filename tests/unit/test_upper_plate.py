@@ -9,10 +9,10 @@ import pytest
 from steel import scene_text
 from theory.plain import plain
 
-from thirdbody.assembly.inertial_number import inertial_number
+from thirdbody.assembly.integrator import inertial_number
 from thirdbody.assembly.schedule import schedule, why_swings
 from thirdbody.assembly.simulation import build
-from thirdbody.engine.time_step import _pressed
+from thirdbody.engine.explicit import _pressed
 from thirdbody.engine.upper_plate import Schedule, Segment
 from thirdbody.errors import InputError
 from thirdbody.kernels.schedule import POLYNOMIAL, SINE, TRIANGLE, next_corner
@@ -20,7 +20,7 @@ from thirdbody.kernels.tables import patch, run_totals
 from thirdbody.laws.registry import Registry, discover
 from thirdbody.plugin import HERTZ, MINDLIN, LawFamily, Plugin
 from thirdbody.report.scene_check import check_report, print_check
-from thirdbody.runner.accuracy_warnings import _load_ratio
+from thirdbody.runner.verdicts import _load_ratio
 from thirdbody.scene.model import Scene
 
 PLATES = scene_text("{debris}", '["100 um", "100 um"]', "{upper}", solver="{solver}")

@@ -11,12 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from thirdbody import units
-from thirdbody.assembly.inertial_number import SLOW as NEGLIGIBLE
-from thirdbody.assembly.inertial_number import shortest_stroke
+from thirdbody.assembly.integrator import SLOW as NEGLIGIBLE
+from thirdbody.assembly.integrator import shortest_stroke
 from thirdbody.assembly.physics import CompiledPhysics
-from thirdbody.assembly.schedule import first_load, schedule
+from thirdbody.assembly.schedule import first_load, schedule, smallest_load
 from thirdbody.engine.placed import Placed
-from thirdbody.engine.upper_plate import ends_of
 from thirdbody.errors import InputError
 from thirdbody.granular_flow import FAST, LAYERS, SLOW, friction_increase, inertial_number, median_by_mass, softness
 from thirdbody.laws.contract import BodyEffect, Law
@@ -96,9 +95,8 @@ def bed_of(scene: Scene, choice: CompiledPhysics, placed: Placed) -> Bed | None:
     median, motion, plate = median_by_mass(diameters, placed.densities * volumes), schedule(scene, 0.0), scene.plates.upper
     load = math.nan  # smallest load of the upper plate during the run [N]
     if plate.gap is None:
-        smallest = min((min(piece.value(piece.start), piece.value(end)) for piece, end in ends_of(motion.load)), default=1.0)
         patches = len(volumes) if plate.support == "load_per_particle" else 1
-        load = first_load(scene) * smallest * patches + len(volumes) * (plate.preload or 0.0)
+        load = first_load(scene) * smallest_load(motion) * patches + len(volumes) * (plate.preload or 0.0)
     return Bed(
         height=max(solid / (SOLID_FRACTION * area), median),
         pressure=load / area,
@@ -184,7 +182,6 @@ def at_computed_speed(scene: Scene, scale: SpeedScale | None) -> Scene:
 
 
 def _obstacle(scene: Scene, choice: CompiledPhysics, bed: Bed | None) -> tuple[Location, str] | None:
-    """Return the key of a scene, and why its speed must not be scaled; None where it may."""
     upper = scene.plates.upper
     if upper is None or bed is None:
         return KEY, f"{NO_BED}, and here none do; {ALONE}"
@@ -211,7 +208,6 @@ def _obstacle(scene: Scene, choice: CompiledPhysics, bed: Bed | None) -> tuple[L
 
 
 def _slow_plate(scene: Scene, bed: Bed, scale: SpeedScale) -> tuple[Location, str] | None:
-    """Return the key and the reason where a mass or a dashpot that the scene gives is too large for the computed speed."""
     upper = scene.plates.upper
     assert upper is not None
     area, load = scene.domain.size[0] * scene.domain.size[1], first_load(scene)

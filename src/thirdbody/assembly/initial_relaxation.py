@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,8 +11,7 @@ from thirdbody import units
 from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.assembly.populate import position_key, refuse_outside
 from thirdbody.assembly.schedule import first_load
-from thirdbody.bodies.bed_relaxation import Outcome, Walls
-from thirdbody.bodies.overlap_removal import CEILING, FLOOR, OverlapRemoval, Overlaps
+from thirdbody.bodies.overlap_removal import CEILING, FLOOR, Outcome, OverlapRemoval, Overlaps, Walls
 from thirdbody.engine.placed import Placed
 from thirdbody.errors import InputError
 from thirdbody.scene.model import Scene
@@ -43,24 +41,11 @@ _WALLS = {FLOOR: "the lower plate", CEILING: "the upper plate"}
 
 @dataclass(frozen=True)
 class RelaxedStart:
-    """What the relaxation of the start changed.
+    """What the relaxation of the start changed: bodies moved or turned, overlapping pairs of bodies or of a body and a plate.
 
-    Displacements are over the radius of the sphere of the body's volume, overlaps over the smaller radius of two spheres.
-
-    Attributes
-    ----------
-    bodies_moved : int
-        Number of bodies that were moved or turned.
-    largest_displacement, mean_displacement : float
-        Of the centres of mass of the moved bodies.
-    pairs_before, pairs_after : int
-        Overlapping pairs of bodies, or of a body and a plate.
-    overlap_before, overlap_after : float
-        The deepest overlap.
-    expected_overlap : float
-        Overlap that the load leads to expect; overlaps up to it may remain.
-    height_gain : float
-        Rise of the highest point of the debris [m].
+    Displacements of the centres of mass of moved bodies are over the radius of the sphere of the body's volume, overlaps over the
+    smaller radius of two spheres: the deepest ones, and the one that the load leads to expect, up to which overlaps may remain.
+    `height_gain`: rise of the highest point of the debris [m].
     """
 
     bodies_moved: int
@@ -72,10 +57,6 @@ class RelaxedStart:
     overlap_after: float
     expected_overlap: float
     height_gain: float
-
-    def document(self) -> dict[str, Any]:
-        """Return the values by name."""
-        return asdict(self)
 
     def text(self, n_bodies: int) -> str:
         """Describe the change in one line."""
@@ -101,12 +82,11 @@ def relax_start(scene: Scene, choice: CompiledPhysics, placed: Placed) -> tuple[
     that is not periodic are pushed inside with the others. Bodies given by spots, bound to a plate, stay. Raises InputError where
     larger overlaps remain.
     """
-    members = np.array([k for k, body in enumerate(placed.clumps) if body.sides is None], np.int64)
     if scene.solver.initial_overlap != "relax":
         return placed, None
+    members = np.array([k for k, body in enumerate(placed.clumps) if body.sides is None], np.int64)
     if not len(members):
         return placed, RelaxedStart(0, 0.0, 0.0, 0, 0, 0.0, 0.0, UNLOADED_OVERLAP, 0.0)
-    clumps = [placed.clumps[k] for k in members]
     start = _Start(scene, placed, members)
     before = start.removal.overlaps()
     expected = expected_overlap(scene, choice, placed)
@@ -114,9 +94,12 @@ def relax_start(scene: Scene, choice: CompiledPhysics, placed: Placed) -> tuple[
         return placed, _change(before, before, expected, np.zeros((0, 4)), 0.0)
     start.refuse_coincident()
     after = start.relax(before, expected)
-    x, q = start.poses()
-    moved = np.flatnonzero((x != placed.positions[members]).any(axis=1) | (q != placed.quaternions[members]).any(axis=1))
-    displacements = np.linalg.norm(x - placed.positions[members], axis=1)[moved] / [0.5 * clumps[k].diameter for k in moved]
+    # bodies that did not move have the bits of the start
+    x0, q0, removal = placed.positions[members], placed.quaternions[members], start.removal
+    same_x, same_q = ((new == old).all(axis=1) for new, old in zip((removal.X, removal.Q), start.first, strict=True))
+    x, q = np.where(same_x[:, None], x0, removal.X * start.unit), np.where(same_q[:, None], q0, removal.Q)
+    moved = np.flatnonzero((x != x0).any(axis=1) | (q != q0).any(axis=1))
+    displacements = np.linalg.norm(x - x0, axis=1)[moved] / [0.5 * placed.clumps[members[k]].diameter for k in moved]
     positions, quaternions = placed.positions.copy(), placed.quaternions.copy()
     positions[members], quaternions[members] = x, q
     result = replace(placed, positions=positions, quaternions=quaternions)
@@ -205,13 +188,6 @@ class _Start:
             removal.X[pushed] += _KICK * rng.standard_normal((len(pushed), 3))
         raise self._refused(int(after.first[0]), self._reason(outcome, before, after))
 
-    def poses(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return positions [m] and quaternions; those of bodies that did not move have the bits of the start."""
-        X, Q = self.removal.X, self.removal.Q
-        fixed_x, fixed_q = ((new == old).all(axis=1)[:, None] for new, old in zip((X, Q), self.first, strict=True))
-        given = self.placed.positions[self.members], self.placed.quaternions[self.members]
-        return np.where(fixed_x, given[0], X * self.unit), np.where(fixed_q, given[1], Q)
-
     def highest(self) -> float:
         """Return the height of the highest point, in units."""
         self.removal.overlaps()  # computes the spheres
@@ -221,7 +197,6 @@ class _Start:
         return InputError(self.scene.fault(position_key(self.scene, self.placed, int(self.members[body])), message))
 
     def _reason(self, outcome: Outcome, before: Overlaps, after: Overlaps) -> str:
-        """Describe what remains, and why."""
         a, b = int(after.first[0]), int(after.second[0])
         who = f"body {self.members[a]} and {_WALLS[b]}" if b < 0 else f"bodies {self.members[a]} and {self.members[b]}"
         what = (

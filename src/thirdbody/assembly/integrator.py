@@ -1,4 +1,4 @@
-"""Choice of the integrator of a scene, with the reason."""
+"""Choice of the integrator of a scene, with the reason; whether inertia is negligible."""
 
 from __future__ import annotations
 
@@ -7,20 +7,29 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from thirdbody.assembly.inertial_number import inertial_number, shortest_stroke
+from thirdbody import units
 from thirdbody.assembly.physics import CompiledPhysics
+from thirdbody.assembly.schedule import smallest_load
 from thirdbody.assembly.upper_plate import Upper
 from thirdbody.engine.accuracy import Accuracy
+from thirdbody.engine.explicit import STABILITY_FRACTION
 from thirdbody.engine.islands import LARGEST, ExpectedIslands, expected_islands
 from thirdbody.engine.state import RAYLEIGH_FRACTION, State, rayleigh_times
 from thirdbody.engine.units import EXPLICIT
-from thirdbody.engine.upper_plate import ends_of
+from thirdbody.engine.upper_plate import Schedule, UpperPlate
 from thirdbody.errors import InputError
+from thirdbody.kernels import schedule as motion
 from thirdbody.scene.model import Scene
 from thirdbody.scene.tables import IMPLICIT_KEYS
+from thirdbody.statics.contacts import overlap_at, response
 
 if TYPE_CHECKING:
     from thirdbody.engine.implicit import Implicit
+
+SLOW, FAST = 0.03, 0.3
+"""Inertial number above which a quasi-static run gets a warning, and above which it is refused. Inertial forces are of the order
+of its square times the load: 1e-3 and 0.1 of the load."""
+
 
 LARGEST_FRICTION = 1e4
 """Largest friction coefficient in the implicit integrator; larger ones are reduced to it.
@@ -29,7 +38,6 @@ Newton's method solves for forces to 1e-9 of the forces that act, and the fricti
 open is the normal force times this coefficient: above 1e6 the error of the load makes that limit jump by the whole tangential
 force, and steps shrink without end. A contact that slips because of this bound carries less than 1e-4 of its tangential force as
 load."""
-
 
 STEP = 20.0
 """Processor time of an implicit step of a body over that of an explicit one, the only rate that the choice rests on.
@@ -50,6 +58,10 @@ implicit one takes longer to compile at the first start."""
 EXPLICIT_STEP = 0.9 * RAYLEIGH_FRACTION
 """Mean explicit time step over the shortest Rayleigh time of a body: contacts shorten it."""
 
+PRESSED = 30.0
+"""Bound of the largest eigenvalue of a body that its load presses between the plates, times its mass, over the stiffness of one
+contact. Where contacts limit the step, not Rayleigh waves, its bound gives 21 to 37 for balls and clumps."""
+
 PRESSING, PER_DIAMETER, PER_REVERSAL, BALL = 250.0, 200.0, 30.0, 0.25
 """Implicit steps of a clump: while it settles and first slides, per diameter of drag, per reversal of a stroke. Fraction of them
 that a single sphere takes: it does not tip."""
@@ -66,9 +78,72 @@ DENSE = 0.6
 of both were not compared there."""
 
 IMPACTS = 0.2
-"""Inertial number of a body (`assembly.inertial_number`) above which `auto` takes the explicit integrator: there impacts tell
+"""Inertial number of a body (`inertial_number`) above which `auto` takes the explicit integrator: there impacts tell
 when a body rolls or slides. At 0.1 both integrators give the same label for 98.5 % of 2000 bodies that meet, at 0.3 to 1 for 95
 to 97 % of 150, with shares of the labels that agree to 0.5 %, friction to 0.02 % and places to 0.1 % of the drag."""
+
+
+class Inertial(NamedTuple):
+    """Largest inertial number, index of its body in the tables, largest sliding speed [m/s]."""
+
+    number: float
+    body: int
+    speed: float
+
+
+def inertial_number(state: State) -> Inertial | None:
+    """Compute I = v sqrt((m + M)/(W L)), the largest of all bodies.
+
+    It is the time in which the load moves a body by its size, over the time in which the drag covers that distance. v: largest
+    speed of the drag; m, M: masses of body and patch; W: smallest load on the body; L: its diameter, or the stroke if that is
+    shorter. None where no load is prescribed. Source: inertial number of GDR MiDi, Eur. Phys. J. E 14, 2004, 341, with the shear
+    rate v/L and the pressure W/L^2.
+    """
+    upper = state.world.upper
+    if upper is None:
+        return None
+    # mass moving with each body [kg], and the smallest load on it [N]: of its patch, or an equal part of the plate's
+    n, smallest, mass, founded = state.n_bodies, smallest_load(upper.schedule), state.bodies.mass, upper.foundation
+    if founded is not None:
+        mass, load = mass + upper.mass + founded.mass / n, np.full(n, smallest * founded.load / n)
+    elif len(upper.heights) == n:
+        mass, load = mass + upper.mass[upper.patch], smallest * upper.load[upper.patch]
+    else:
+        mass, load = mass + float(upper.mass.sum()) / n, np.full(n, smallest * float(upper.load.sum()) / n)
+    if not (load > 0.0).all():
+        return None
+    # of each body: twice the distance of its farthest surface point from its centre of mass
+    centre = np.repeat(state.bodies.position, np.diff(state.start), axis=0)
+    distance = np.linalg.norm(state.spheres.position - centre, axis=1) + state.spheres.radius
+    length = np.minimum(2.0 * np.maximum.reduceat(distance, state.start[:-1]), shortest_stroke(upper.schedule))
+    speed = upper.schedule.top_speed()
+    numbers = speed * np.sqrt(mass / (load * length))
+    body = int(np.argmax(numbers))
+    return Inertial(float(numbers[body]), body, speed)
+
+
+def examine_inertia(scene: Scene, state: State) -> list[str]:
+    """Return warnings of a quasi-static scene that is too fast. Raises InputError where inertia is as large as the load."""
+    result = inertial_number(state) if scene.solver.inertia is False else None
+    if result is None or result.number <= SLOW:
+        return []
+    number = f"the inertial number v sqrt((m + M)/(W L)) of body {state.order[result.body]} is {result.number:.2g}"
+    allowed = lambda limit: units.pretty(result.speed * limit / result.number, "velocity")  # noqa: E731
+    if result.number > FAST:
+        message = (
+            f"false is for slow motion, and {number} (at most {FAST:g}: {allowed(FAST)} here): inertial forces are not small "
+            "compared with the load; leave solver.inertia out, or lower the speed"
+        )
+        raise InputError(scene.fault(("solver", "inertia"), message))
+    return [
+        f"solver.inertia = false: {number} (quasi-static: below {SLOW:g}, {allowed(SLOW)} here): friction and labels may differ "
+        "from those with inertia; leave solver.inertia out, or lower the speed"
+    ]
+
+
+def shortest_stroke(schedule: Schedule) -> float:
+    """Return the shortest stroke, peak to peak [m]; infinite without strokes."""
+    return min((abs(s.b) for s in (*schedule.x, *schedule.y) if s.kind != motion.POLYNOMIAL), default=np.inf)
 
 
 class Steps(NamedTuple):
@@ -133,7 +208,6 @@ def plan(scene: Scene, choice: CompiledPhysics, state: State, upper: Upper, befo
 
 
 def _automatic(scene: Scene, state: State, expected: Plan, obstacle: str) -> Plan:
-    """Return the integrator that suits a scene, with what is expected of it."""
     if not obstacle and scene.solver.time_step != "auto":
         obstacle = "the scene gives a time step"
     if not obstacle and not state.world.debris_meets:
@@ -169,8 +243,8 @@ def expected_steps(scene: Scene, choice: CompiledPhysics, state: State, upper: U
     else:
         path = solver.distance or 0.0
         sliding = schedule.time_of(path, upper.settle) - upper.settle
-    rayleigh = rayleigh_times(state, choice.materials)
-    explicit = (upper.settle + sliding) / (EXPLICIT_STEP * float(rayleigh.min()))
+    rayleigh = rayleigh_times(state, list(choice.materials))
+    explicit = (upper.settle + sliding) / min(EXPLICIT_STEP * float(rayleigh.min()), _pressed_step(choice, state, upper.plate))
     implicit = PRESSING + path * (PER_DIAMETER / diameter + PER_REVERSAL / shortest_stroke(schedule))
     implicit *= BALL + (1.0 - BALL) * float(np.mean(np.diff(state.start) > 1))
     if solver.largest_step is not None:
@@ -183,8 +257,19 @@ def expected_steps(scene: Scene, choice: CompiledPhysics, state: State, upper: U
     return Steps(state.n_bodies * explicit, state.n_bodies * islands.mean * implicit)
 
 
+def _pressed_step(choice: CompiledPhysics, state: State, plate: UpperPlate) -> float:
+    """Return the longest explicit step [s] of the bodies with the stiffest contacts for their mass, one of each material."""
+    radius, mass = np.minimum.reduceat(state.spheres.radius, state.start[:-1]), state.bodies.mass
+    members = [np.flatnonzero(state.material == material) for material in np.unique(state.material)]
+    # Hertz: the stiffness goes with the third root of radius and load
+    who = np.array([rows[np.argmin((mass / np.cbrt(radius))[rows])] for rows in members])
+    kind, load = choice.physics.kinds[state.material[who], plate.material], plate.load[plate.patch[who]]
+    overlap = overlap_at(choice.physics, load, radius[who], kind)
+    stiffness = response(choice.physics, overlap, radius[who], kind).stiffness
+    return float(np.min(2.0 * STABILITY_FRACTION * np.sqrt(mass[who] / np.maximum(PRESSED * stiffness, 1e-300))))
+
+
 def _number(value: float) -> str:
-    """Return a number with one digit, or two from 10 on."""
     return f"{float(f'{value:.2g}'):.0f}" if value >= 10.0 else f"{value:.1g}"
 
 
@@ -221,16 +306,12 @@ def _refuse_free_bodies(scene: Scene, state: State) -> None:
     if scene.solver.on_failure == "continue" and carried_together(state):
         message = "'continue' leaves a body behind, but here all bodies carry one plate together"
         raise InputError(scene.fault(("solver", "on_failure"), message))
-    upper = state.world.upper
-    loads = () if upper is None else upper.schedule.load
-    minimum = min((min(piece.value(piece.start), piece.value(end)) for piece, end in ends_of(loads)), default=1.0)
-    if scene.solver.inertia is False and minimum <= 0.0:
+    if scene.solver.inertia is False and smallest_load(state.world.schedule) <= 0.0:
         message = "false needs a load at all times: without load and inertia the position of a body is undetermined"
         raise InputError(scene.fault(("solver", "inertia"), message))
 
 
 def _obstacle(scene: Scene, choice: CompiledPhysics, state: State) -> str:
-    """Return why the implicit integrator cannot run a scene, or an empty text."""
     late = [effect.name for effect in choice.effects if effect.sees_forces]
     if state.world.upper is None:
         return "no upper plate holds the bodies"

@@ -82,7 +82,6 @@ def _number(option: Option, raw: Any, given: bool) -> float:
 
 
 def _range(option: Option) -> str:
-    """Describe the allowed range, in SI units of the option's dimension."""
     unit = "" if option.dimension == "dimensionless" else f" (SI, {option.dimension})"
     if math.isinf(option.high):
         return f"be at least {option.low:g}{unit}"
@@ -92,7 +91,6 @@ def _range(option: Option) -> str:
 
 
 def _missing(scene: Scene, option: Option, location: tuple[str, ...]) -> list[Fault]:
-    """Return the fault of a required option that is not given; none where every pair has a value of its own."""
     message = f"required key '{option.name}' is missing"
     if option.pair_key:
         lacking = ["/".join(pair.between) for pair in scene.pairs if getattr(pair, option.pair_key) is None]

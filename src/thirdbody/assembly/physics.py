@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -21,13 +22,20 @@ from thirdbody.laws.memory import MEMORY
 from thirdbody.laws.registry import Registry
 from thirdbody.scene.model import Scene
 
+MAX_CELLS = 4_000_000
+"""Largest number of cells of a map: it is written with every frame, 8 bytes each."""
+
+PLUGIN_FILE = "one in a file needs --plugin FILE (in Python plugins=[FILE])"
+
+Values = Mapping[str, Mapping[str, Any]]
+"""Options in SI by the name of a law, an effect or a measure."""
+
 
 @dataclass(frozen=True)
 class CompiledPhysics:
-    """Physics of a scene, in words and as compiled code. `rows[k]` are the parameters of `pairs[k]`, law by law."""
+    """Physics of a scene, in words and as compiled code. `off`: laws of the level that no pair requires."""
 
     physics: Physics
-    chain: Chain
     family: LawFamily
     level: str
     labeller: Labeller | None
@@ -35,10 +43,14 @@ class CompiledPhysics:
     interactions: tuple[SpotInteraction, ...]
     materials: tuple[Material, ...]
     pairs: tuple[Pair, ...]
-    rows: tuple[tuple[Any, ...], ...]
     off: tuple[str, ...]
     options: dict[str, dict[str, Any]]
     measures: tuple[Measure, ...] = ()
+
+    @property
+    def chain(self) -> Chain:
+        """Contact laws."""
+        return self.physics
 
     @property
     def other_effects(self) -> tuple[BodyEffect | SpotInteraction, ...]:
@@ -50,6 +62,14 @@ class CompiledPhysics:
         """Return the memory of the tangential springs (`laws.memory.MEMORY`); None for a law without that option."""
         return next((self.options[law.name][MEMORY.name] for law in self.chain.laws if MEMORY in law.options), None)
 
+    @cached_property
+    def rows(self) -> list[list[Any]]:
+        """Mixed parameters of each pair, law by law."""
+        return [self._row(pair) for pair in self.pairs]
+
+    def _row(self, pair: Pair) -> list[Any]:
+        return [_mixed(law, pair, law.options_of(pair, self.options[law.name])) for law in self.chain.laws]
+
     def reach(self, radius: float) -> float:
         """Return the distance from touch [m] at which bodies of at most this effective radius [m] begin to act on each other."""
         reaching = [(law, law.reach) for law in self.chain.laws if law.reach]
@@ -58,17 +78,15 @@ class CompiledPhysics:
             raise UsageError(f"the reach of {', '.join(law.name for law, _ in reaching)} must be a finite length, at least 0")
         return max(distances, default=0.0)
 
-    def set_parameters(self, integrator: str, largest: float = math.inf) -> None:
-        """Compute the parameters of all pairs for an integrator, with friction coefficients of at most `largest`."""
-        rows = []
-        for pair in self.pairs:
-            limited = replace(pair, friction=min(pair.friction, largest))
-            mixed = [(law, _mixed_law(law, limited, self.options[law.name])) for law in self.chain.laws]
-            row = [x for law, p in mixed for x in (law.in_steps(p, integrator) if law.in_steps else p)]
-            rows.append(row + [{"explicit": EXPLICIT, "implicit": IMPLICIT}[integrator]] * self.chain.jumps)
-        parameters = np.array(rows, float).ravel()
-        if parameters.size > 0:  # else a scene without pairs, whose table holds zeros
-            self.physics.pairs[:] = parameters
+    def set_parameters(self, integrator: str = "", largest: float = math.inf) -> None:
+        """Write the parameters of all pairs, of "explicit" or "implicit" steps or of none, with friction of at most `largest`."""
+        flat = list[float]()
+        for pair, row in zip(self.pairs, self.rows, strict=True):
+            limited = self._row(replace(pair, friction=largest)) if pair.friction > largest else row
+            for law, p in zip(self.chain.laws, limited, strict=True):
+                flat += law.in_steps(p, integrator) if integrator and law.in_steps else p
+            flat += [{"": FULL, "explicit": EXPLICIT, "implicit": IMPLICIT}[integrator]] * self.chain.jumps
+        self.physics.pairs[: len(flat)] = flat  # a scene without pairs has a table of zeros
 
 
 def compile_physics(scene: Scene, registry: Registry) -> CompiledPhysics:
@@ -79,36 +97,61 @@ def compile_physics(scene: Scene, registry: Registry) -> CompiledPhysics:
     measures, measure_values = _measures(scene, registry, faults)
     materials, pairs = _materials(scene)
     law_values = _law_options(scene, family, laws, faults)
-    replaced = {law.sized(values[law.name]).replaces for law in contact_effects if not faults}
-    laws = tuple(law for law in laws if law.name not in replaced)
-    chosen = tuple(law for law in (*laws, *contact_effects) if law.wanted(pairs))
-    off = tuple(law.name for law in laws if not law.wanted(pairs))
     if faults:
         raise InputError(faults)
-    law_values = {name: chosen_memory(scene, given) for name, given in law_values.items()}
+    values = {name: chosen_memory(scene, given) for name, given in law_values.items()} | values
+    replaced = {law.sized(values[law.name]).replaces for law in contact_effects}
+    laws = tuple(law for law in laws if law.name not in replaced)
+    chosen = tuple(law for law in (*laws, *contact_effects) if law.wanted(pairs))
     try:
-        chain = compose(law.sized(values.get(law.name, law_values.get(law.name, {}))) for law in chosen)
+        chain = compose(law.sized(values.get(law.name, {})) for law in chosen)
     except ValueError as problem:
         raise InputError(scene.fault(("contact", "law"), str(problem))) from None
     except Exception as problem:
         raise _not_compiled(chosen, problem) from problem
-    options = {law.name: values.get(law.name, law_values.get(law.name, {})) for law in chain.laws}
-    rows = tuple(tuple(_mixed_law(law, pair, options[law.name]) for law in chain.laws) for pair in pairs)
+    labeller = family.labeller or _any_labeller(registry)
+    written = _for_output(scene, labeller)
+    given = written or NO_LABELS
     effect_row = [x for effect in effects for x in _mixed(effect, values[effect.name])]
     if any(effect.settling for effect in effects):
         effect_row.append(math.inf)  # end of settling: set by `assembly.simulation`
-    labeller = family.labeller or _any_labeller(registry)
-    table = _interaction_table(scene, interactions, chain, materials, pairs, values)
     try:
-        physics = _physics(chain, rows, pairs, materials, effects, effect_row, _for_output(scene, labeller), table)
-        physics = replace(physics, pull_off=_pull_off_forces(chain.laws, pairs, options))
+        compiled_effects = compose_effects(effects)
+        observe, label = compose_labeller(given, bool(effects))
     except Exception as problem:
         raise _not_compiled([*effects, *([labeller] if labeller else [])], problem) from problem
-    if measures:
-        physics = replace(physics, measures=_compiled_measures(scene, measures, measure_values, pairs))
-    return CompiledPhysics(
-        physics, chain, family, level, labeller, effects, interactions, materials, pairs, rows, off, options, measures
+    physics = Physics(
+        chain.laws,
+        pairs=np.zeros(max(len(pairs), 1) * chain.width),
+        interaction=_interaction_table(scene, interactions, chain, materials, pairs, values),
+        kinds=_kinds(materials, pairs),
+        effects=compiled_effects,
+        effect_parameters=np.array(effect_row or [0.0]),
+        has_effects=bool(effects),
+        observe=observe,
+        label=label,
+        memory=len(given.memory),
+        contact_memory=len(given.contact_memory),
+        stride=written.stride if written else 1,
+        labels=written is not None,
+        outputs=2 + len(given.margins) + len(given.extras),
+        measures=_compiled_measures(scene, measures, measure_values, pairs) if measures else None,
+        pull_off=_pull_off_forces(chain.laws, pairs, values),
     )
+    off = tuple(law.name for law in laws if not law.wanted(pairs))
+    options = {law.name: values.get(law.name, {}) for law in chain.laws}
+    compiled = CompiledPhysics(physics, family, level, labeller, effects, interactions, materials, pairs, off, options, measures)
+    compiled.set_parameters()
+    return compiled
+
+
+def _kinds(materials: Sequence[Material], pairs: Sequence[Pair]) -> np.ndarray:
+    index = {material.name: k for k, material in enumerate(materials)}
+    kinds = np.full((len(index), len(index)), -1, np.int64)
+    for k, pair in enumerate(pairs):
+        a, b = index[pair.a.name], index[pair.b.name]
+        kinds[a, b] = kinds[b, a] = k
+    return kinds
 
 
 def law_faults(scene: Scene, registry: Registry) -> list[Fault]:
@@ -131,15 +174,9 @@ def states_of(scene: Scene, registry: Registry) -> tuple[str, ...]:
     return tuple(labeller.states) if labeller else ()
 
 
-MAX_CELLS = 4_000_000
-"""Largest number of cells of a map: it is written with every frame, 8 bytes each."""
-
-PLUGIN_FILE = "one in a file needs --plugin FILE (in Python plugins=[FILE])"
-
-
-def _mixed_law(law: Law, pair: Pair, options: Mapping[str, Any]) -> Any:
-    """Return the mixed parameters of a law for a pair, with its own values of options."""
-    return _mixed(law, pair, law.options_of(pair, options))
+def _any_labeller(registry: Registry) -> Labeller | None:
+    """Return a labeller for a law family without one: labels need forces and motion only, whatever the law."""
+    return next((family.labeller for family in registry.families.values() if family.labeller), None)
 
 
 def _mixed(law: Law | BodyEffect | Measure, *arguments: Any) -> Any:
@@ -163,8 +200,7 @@ def _not_compiled(parts: Sequence[Law | BodyEffect | Labeller | Measure], proble
 
 
 def _family(scene: Scene, registry: Registry, faults: list[Fault]) -> tuple[LawFamily, str, tuple[Law, ...]]:
-    families = registry.families
-    name = scene.contact.law
+    families, name = registry.families, scene.contact.law
     if name not in families:
         hint = nearest(name, families)
         broken = "".join(f"; plug-in {plugin} did not load: {why}" for plugin, why in registry.failures.items())
@@ -174,33 +210,24 @@ def _family(scene: Scene, registry: Registry, faults: list[Fault]) -> tuple[LawF
     if level not in family.levels:
         message = f"'{level}' is not a level of '{name}', {nearest(level, family.levels)}"
         faults.append(scene.fault(("contact", "level"), message))
-        return family, level, ()
-    return family, level, family.levels[level]
-
-
-def _any_labeller(registry: Registry) -> Labeller | None:
-    """Return a labeller for a law family without one: labels need forces and motion only, whatever the law."""
-    return next((family.labeller for family in registry.families.values() if family.labeller), None)
+    return family, level, family.levels.get(level, ())
 
 
 def _materials(scene: Scene) -> tuple[tuple[Material, ...], tuple[Pair, ...]]:
-    materials = tuple(
-        Material(name, m.shear(), m.poisson_ratio, m.density, m.yield_strength, m.thermal_conductivity, m.heat_capacity)
+    by_name = {
+        name: Material(name, m.shear(), m.poisson_ratio, m.density, m.yield_strength, m.thermal_conductivity, m.heat_capacity)
         for name, m in scene.materials.items()
-    )
-    by_name = {material.name: material for material in materials}
+    }
     pairs = tuple(
-        Pair(a, b, p.friction, p.restitution, p.rolling_friction, p.work_of_adhesion)
+        Pair(by_name[p.between[0]], by_name[p.between[1]], p.friction, p.restitution, p.rolling_friction, p.work_of_adhesion)
         for p in scene.pairs
-        for a, b in [[by_name[name] for name in p.between]]
     )
-    return materials, pairs
+    return tuple(by_name.values()), pairs
 
 
 def _law_options(scene: Scene, family: LawFamily, laws: Sequence[Law], faults: list[Fault]) -> dict[str, dict[str, Any]]:
     known = {option.name for law in laws for option in law.options}
-    given = scene.contact.options
-    for key in given:
+    for key in scene.contact.options:
         if key in known:
             continue
         owners = [level for level, laws in family.levels.items() if any(o.name == key for law in laws for o in law.options)]
@@ -209,11 +236,10 @@ def _law_options(scene: Scene, family: LawFamily, laws: Sequence[Law], faults: l
         else:
             message = f"unknown key for this law and level, {nearest(key, known | {'law', 'level', 'debris_contact'})}"
         faults.append(scene.fault(("contact", key), message))
-    return {law.name: option_values(scene, law.options, given, ("contact",), faults) for law in laws}
+    return {law.name: option_values(scene, law.options, scene.contact.options, ("contact",), faults) for law in laws}
 
 
 def _named(scene: Scene, table: str, known: Mapping[str, Any], faults: list[Fault]) -> tuple[list[Any], dict[str, Any]]:
-    """Return what a table of the scene names of what is installed, by name, and the option values of each."""
     chosen, values = list[Any](), dict[str, Any]()
     for name, given in sorted(getattr(scene, table).named.items()):
         location = (table, name)
@@ -234,38 +260,31 @@ def _effects(
     scene: Scene, registry: Registry, faults: list[Fault]
 ) -> tuple[list[Law], tuple[BodyEffect, ...], tuple[SpotInteraction, ...], dict[str, dict[str, Any]]]:
     """Return contact effects, body effects (gravity first, then by name), interactions of spots and the option values of each."""
-    known = registry.effects
-    chosen, values = _named(scene, "effects", known, faults)
+    chosen, values = _named(scene, "effects", registry.effects, faults)
     if scene.effects.gravity is not None:
-        chosen = [*(effect for name, effect in known.items() if name == "gravity"), *chosen]
+        chosen = [*(effect for name, effect in registry.effects.items() if name == "gravity"), *chosen]
         values["gravity"] = {"acceleration": scene.effects.gravity}
-    faults += pair_value_faults(scene, known)
+    faults += pair_value_faults(scene, registry.effects)
     body_effects = tuple(effect for effect in chosen if isinstance(effect, BodyEffect))
     interactions = tuple(effect for effect in chosen if isinstance(effect, SpotInteraction))
     return [effect for effect in chosen if isinstance(effect, Law)], body_effects, interactions, values
 
 
 def _measures(scene: Scene, registry: Registry, faults: list[Fault]) -> tuple[tuple[Measure, ...], dict[str, dict[str, Any]]]:
-    """Return the measures that the scene names, by name, and the option values of each."""
     chosen, values = _named(scene, "measures", registry.measures, faults)
-    drawn = any(amount.map for measure in chosen for amount in measure.amounts)
-    if scene.measures.cell is not None and not drawn:
+    if scene.measures.cell is not None and not any(amount.map for measure in chosen for amount in measure.amounts):
         faults.append(scene.fault(("measures", "cell"), "no measure of this scene has a map"))
-    elif scene.measures.cell is not None and math.prod(cells_of(scene)) > MAX_CELLS:
-        faults.append(scene.fault(("measures", "cell"), f"makes {math.prod(cells_of(scene)):.3g} cells, at most {MAX_CELLS:.3g}"))
+    elif math.prod(_cells(scene)) > MAX_CELLS:
+        faults.append(scene.fault(("measures", "cell"), f"makes {math.prod(_cells(scene)):.3g} cells, at most {MAX_CELLS:.3g}"))
     return tuple(chosen), values
 
 
-def cells_of(scene: Scene) -> tuple[int, int]:
-    """Return the number of cells of the maps along x and y; 0 without maps."""
+def _cells(scene: Scene) -> tuple[int, int]:
     cell, (l_x, l_y) = scene.measures.cell, scene.domain.size
     return (0, 0) if cell is None else (max(1, round(l_x / cell)), max(1, round(l_y / cell)))
 
 
-def _compiled_measures(
-    scene: Scene, measures: Sequence[Measure], values: Mapping[str, Mapping[str, Any]], pairs: Sequence[Pair]
-) -> Measures:
-    """Compile measures. Raises InputError where two of them have an amount of one name, UsageError for kernels with faults."""
+def _compiled_measures(scene: Scene, measures: Sequence[Measure], values: Values, pairs: Sequence[Pair]) -> Measures:
     try:
         layout = layout_of(measures)
     except ValueError as problem:
@@ -275,12 +294,12 @@ def _compiled_measures(
     except Exception as problem:
         raise _not_compiled(measures, problem) from problem
     rows = [[x for measure in measures for x in _mixed(measure, pair, values[measure.name])] for pair in pairs]
-    return Measures(function, np.array(rows, float).ravel(), layout, cells_of(scene))
+    return Measures(function, np.array(rows, float).ravel(), layout, _cells(scene))
 
 
 def _interaction_table(
     scene: Scene, interactions: Sequence[SpotInteraction], chain: Chain, materials: Sequence[Material], pairs: Sequence[Pair],
-    values: Mapping[str, Mapping[str, Any]],
+    values: Values,
 ) -> np.ndarray:  # fmt: skip
     """Return the compliances of the lower and the upper plate [m2/N], then the stiffness of each pair [Pa]; empty without any
     interaction of spots (`kernels.close_spots`). Raises InputError for two, rough plates, another normal law than Hertz' and
@@ -303,17 +322,17 @@ def _interaction_table(
     return np.array([*compliances, *(effect.stiffness(pair, options) for pair in pairs)], float)
 
 
-def _pull_off_forces(laws: Sequence[Law], pairs: Sequence[Pair], options: Mapping[str, Any]) -> Callable[..., Any] | None:
+def _pull_off_forces(laws: Sequence[Law], pairs: Sequence[Pair], values: Values) -> Callable[..., Any] | None:
     """Return the pull-off forces [N] of contacts by their pairs and effective radii [m], or None without adhesion."""
     law = next((law for law in laws if law.pull_off), None)
     if law is None or law.pull_off is None:
         return None
-    rule, values = law.pull_off, options[law.name]
+    rule, options = law.pull_off, values[law.name]
 
     def forces(kinds: np.ndarray, radius: np.ndarray) -> np.ndarray:
         result = np.zeros(len(radius))
         for k, pair in enumerate(pairs):
-            result[kinds == k] = rule(pair, law.options_of(pair, values), radius[kinds == k])
+            result[kinds == k] = rule(pair, law.options_of(pair, options), radius[kinds == k])
         return result
 
     return forces
@@ -325,35 +344,3 @@ def _for_output(scene: Scene, labeller: Labeller | None) -> Labeller | None:
     if labeller is None or labeller.label_without_forecasts is None or arrays is None or {*arrays} & {*labeller.forecasts}:
         return labeller
     return replace(labeller, label=labeller.label_without_forecasts, label_without_effects=None)
-
-
-def _physics(chain, rows, pairs, materials, effects, effect_row, labeller, interaction) -> Physics:
-    index = {material.name: k for k, material in enumerate(materials)}
-    kinds = np.full((len(materials), len(materials)), -1, np.int64)
-    for k, pair in enumerate(pairs):
-        a, b = index[pair.a.name], index[pair.b.name]
-        kinds[a, b] = kinds[b, a] = k
-    parameters = np.array([[x for values in row for x in values] + [FULL] * chain.jumps for row in rows], float)
-    if parameters.size == 0:
-        parameters = np.zeros((1, chain.width))
-    given = labeller or NO_LABELS
-    observe, label = compose_labeller(given, bool(effects))
-    same = (
-        "law", "stiffness", "history", "field", "rolling", "force_columns", "stored", "dashpots", "loss_column", "loss", "jumps",
-    )  # fmt: skip
-    return Physics(
-        **{name: getattr(chain, name) for name in same},
-        pairs=np.ascontiguousarray(parameters.ravel()),
-        interaction=interaction,
-        kinds=kinds,
-        effects=compose_effects(effects),
-        effect_parameters=np.array(effect_row or [0.0]),
-        has_effects=bool(effects),
-        observe=observe,
-        label=label,
-        memory=len(given.memory),
-        contact_memory=len(given.contact_memory),
-        stride=labeller.stride if labeller else 1,
-        labels=labeller is not None,
-        outputs=2 + len(given.margins) + len(given.extras),
-    )

@@ -6,9 +6,8 @@ import numpy as np
 
 from thirdbody import units
 from thirdbody.bodies.clump import Clump
-from thirdbody.bodies.dense_packing import pack
-from thirdbody.bodies.layer_packing import place_layer
-from thirdbody.bodies.random_sequential import scatter
+from thirdbody.bodies.overlap_removal import pack
+from thirdbody.bodies.packing import place_layer, scatter
 from thirdbody.bodies.resting_poses import headed, settle_all
 from thirdbody.debris.contract import CLEARANCE, PopulationContext
 from thirdbody.errors import Fault, InputError
@@ -105,7 +104,6 @@ def _crowds(scene: Scene, contexts: Sequence[PopulationContext]) -> list[Fault]:
 
 
 def _lay(scene: Scene, clumps: list[Clump], members: np.ndarray, x: np.ndarray, q: np.ndarray, headings: np.ndarray) -> None:
-    """Give the bodies of the layer a stable pose with the given heading (n,) [rad] or any (NaN), a height and a position."""
     rng = np.random.default_rng(np.random.SeedSequence(getattr(scene.debris[0], "seed", 1), spawn_key=(LAYER_STREAM,)))
     laid = [clumps[b] for b in members]
     q[members], heights = settle_all(laid, rng)
@@ -119,7 +117,6 @@ def _lay(scene: Scene, clumps: list[Clump], members: np.ndarray, x: np.ndarray, 
 
 
 def _scatter(scene: Scene, clumps: list[Clump], members: np.ndarray, x: np.ndarray, q: np.ndarray, warnings: list[str]) -> None:
-    """Place the dilute bodies at random positions and in random orientations, up to their common height."""
     bodies = [clumps[b] for b in members]
     height, fraction = _volume(scene, "dilute", bodies)
     # the spots of a given particle touch plates only: no body is in their way
@@ -139,7 +136,6 @@ def _scatter(scene: Scene, clumps: list[Clump], members: np.ndarray, x: np.ndarr
 
 
 def _pack(scene: Scene, clumps: list[Clump], members: np.ndarray, x: np.ndarray, q: np.ndarray, warnings: list[str]) -> None:
-    """Pack the dense bodies, mixed, into one bed on the lower plate."""
     bodies = [clumps[b] for b in members]
     _, fraction = _volume(scene, "dense", bodies)
     try:
@@ -175,7 +171,6 @@ def _stream(scene: Scene, placement: str, key: int) -> np.random.Generator:
 
 
 def _placement_faults(scene: Scene, placement: str, error: InputError) -> InputError:
-    """Return the faults of a placement with their keys in the scene: the domain, or the keys of the common volume."""
     first = next(i for i, debris in enumerate(scene.debris) if debris.placement_name == placement)
     volume_keys = _volume_keys(scene, placement)
     where = ("debris", volume_keys[0][0], volume_keys[0][1]) if volume_keys else ("debris", first, "placement")

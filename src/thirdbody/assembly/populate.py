@@ -1,24 +1,23 @@
-"""Initial bodies of a scene, from its debris tables.
+"""Initial bodies of a scene, from its debris tables: made, set onto the lower plate, and checked."""
 
-Their checks: overlaps, positions outside the domain, sizes in a wrong unit.
-"""
-
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 
 from thirdbody import units
-from thirdbody.assembly.clumps import make_bodies, read_populations
 from thirdbody.assembly.placement import place_bodies, refuse_placements, spheres_of
-from thirdbody.assembly.rough_start import depth_in_lower, lift_bodies
-from thirdbody.bodies.layer_packing import overlaps
-from thirdbody.debris.contract import UPRIGHT, PlacedClumps
+from thirdbody.bodies.clump import Clump, impossible_moments
+from thirdbody.bodies.packing import overlaps
+from thirdbody.debris.contract import UPRIGHT, PlacedClumps, PopulationContext, RandomStreams
 from thirdbody.engine.placed import Placed
-from thirdbody.errors import Fault, InputError
+from thirdbody.errors import Fault, InputError, UsageError
 from thirdbody.kernels.tables import EVERYTHING, ONLY_UPPER
 from thirdbody.scene.model import Scene
 from thirdbody.schema.fields import AT_REST
-from thirdbody.surfaces.surface import Surface
+from thirdbody.schema.parts import key_location
+from thirdbody.surfaces.surface import Surface, dilation
 
 UNPLACED = (float("nan"),) * 3
 """Position of a body before its placement."""
@@ -30,6 +29,68 @@ TINY = 1e-11
 
 CLOSED = 1.01
 """Largest distance over the sum of radii of balls at the seam of a raft: they are packed to touch, a few per mille apart."""
+
+ABOVE = 1e-6
+"""Height above the first touch over the diameter: more than the error of `dilation`, so that nothing touches at the start."""
+
+ROUNDS = 100
+"""Largest number of rounds that lift neighbours to a common height."""
+
+
+def population_context(scene: Scene, index: int, warnings: list[str]) -> PopulationContext:
+    """Return the context of one population: index, random streams, density, domain, warnings."""
+    debris = scene.debris[index]
+    random = RandomStreams(getattr(debris, "seed", 1), index)
+    density = scene.materials[debris.material].density
+    return PopulationContext(index, random, density, scene.domain.size, scene.beside, warnings)
+
+
+def read_populations(scene: Scene, warnings: list[str]) -> list[PopulationContext]:
+    """Return the contexts of all populations, with their file contents. Raises InputError with all faults."""
+    contexts, faults = [], []
+    for index, debris in enumerate(scene.debris):
+        context = population_context(scene, index, warnings)
+        try:
+            with _faults_of(scene, index):
+                context = replace(context, content=debris.read(context))
+        except InputError as error:
+            faults += error.faults
+        contexts.append(context)
+    if faults:
+        raise InputError(faults)
+    return contexts
+
+
+def make_bodies(scene: Scene, context: PopulationContext) -> PlacedClumps:
+    """Make the bodies of one population. Raises InputError for wrong keys, UsageError for a kind that returns no valid bodies."""
+    debris = scene.debris[context.index]
+    with _faults_of(scene, context.index):
+        built = debris.bodies(context)
+    clumps, maximum = built.clumps, debris.max_spheres()
+    if not clumps or not all(isinstance(body, Clump) for body in clumps):
+        raise UsageError(f"the kind of debris '{debris.kind}' gave no list of Clump for debris[{context.index}]")
+    if debris.count is not None and len(clumps) != debris.count:
+        raise UsageError(f"the kind of debris '{debris.kind}' gave {len(clumps)} bodies for the count {debris.count}")
+    if maximum > 1 and (spheres := max(len(body.radii) for body in clumps)) > maximum:
+        raise UsageError(f"the kind of debris '{debris.kind}' gave a body of {spheres} spheres, and its max_spheres is {maximum}")
+    if odd := impossible_moments([body.inertia for body in clumps]):
+        raise InputError(scene.fault(("debris", context.index), f"body {odd[0]}, m5 at unit density: {odd[1]}"))
+    context.warnings.extend(f"debris[{context.index}]: {note}" for note in debris.notes())
+    return built
+
+
+def shapes_of(scene: Scene, index: int, warnings: list[str]) -> list[Clump]:
+    """Return the bodies of one population, at unit density. Raises InputError."""
+    return make_bodies(scene, read_populations(scene, warnings)[index]).clumps
+
+
+@contextmanager
+def _faults_of(scene: Scene, index: int) -> Iterator[None]:
+    try:
+        yield
+    except InputError as error:
+        result = [(key_location(fault.key), fault.message) for fault in error.faults]
+        raise InputError(scene.fault(("debris", index, *location), message) for location, message in result) from None
 
 
 def populate(scene: Scene, warnings: list[str], surfaces: Mapping[str, Surface] | None = None) -> Placed:
@@ -68,7 +129,6 @@ def populate(scene: Scene, warnings: list[str], surfaces: Mapping[str, Surface] 
 
 
 def _rows(bodies: PlacedClumps, given: np.ndarray | None, otherwise: Sequence[float]) -> np.ndarray:
-    """Return one row per body of a population: the given rows, else the same default for all."""
     row = np.asarray(otherwise if given is None else given, float)
     return np.broadcast_to(row, (len(bodies.clumps), row.shape[-1]))
 
@@ -171,7 +231,6 @@ def position_key(scene: Scene, placed: Placed, body: int) -> tuple[str | int, ..
 
 
 def _outside(scene: Scene, placed: Placed) -> list[Fault]:
-    """Return a fault for the first body whose centre is given outside a domain that is not periodic."""
     if scene.domain.periodic or scene.plates.lower is None:
         return []
     x = placed.positions[:, :2]
@@ -182,3 +241,35 @@ def _outside(scene: Scene, placed: Placed) -> list[Fault]:
     width, depth = (units.pretty(v, "length") for v in scene.domain.size)
     message = f"body {beyond[0]} starts at x, y = {where}, outside the domain (0 to {width}, 0 to {depth}; not periodic)"
     return [scene.fault(position_key(scene, placed, int(beyond[0])), message)]
+
+
+def lift_bodies(scene: Scene, clumps: Sequence[Clump], members: np.ndarray, x: np.ndarray, q: np.ndarray, lower: Surface) -> None:
+    """Move bodies that rest on the plane z = 0 (rows `members` of x) up or down until they touch the rough lower plate.
+
+    Bodies that would overlap at different heights, one reaching under the other, keep their relative height.
+    """
+    if not len(members):
+        return
+    centres, radii, body = spheres_of([clumps[b] for b in members], x[members], q[members])
+    lift = np.full(len(members), -np.inf)
+    np.maximum.at(lift, body, dilation(lower, centres, radii) - centres[:, 2])
+    for _ in range(ROUNDS if scene.contact.debris_contact != "none" else 0):
+        raised = centres + np.array([0.0, 0.0, 1.0]) * lift[body][:, None]
+        pairs = overlaps(raised, radii, body, scene.domain.size, scene.domain.periodic)
+        if not pairs:
+            break
+        for a, b, _depth in pairs:
+            lift[a] = lift[b] = max(lift[a], lift[b])
+    x[members, 2] += lift + ABOVE * np.array([clumps[b].diameter for b in members])
+
+
+def depth_in_lower(lower: Surface | None, centres: np.ndarray, radii: np.ndarray) -> np.ndarray:
+    """Return how deep (n,) [m] spheres reach into the lower plate, rough or flat; negative above it."""
+    return (radii if lower is None else dilation(lower, centres, radii)) - centres[:, 2]
+
+
+def plate_heights(upper: Surface | None, centres: np.ndarray, radii: np.ndarray) -> np.ndarray:
+    """Return the height (n,) [m] of the upper plate's mean plane at which it first touches each sphere."""
+    if upper is None:
+        return centres[:, 2] + radii
+    return centres[:, 2] + dilation(upper, centres, radii)

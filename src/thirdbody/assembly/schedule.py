@@ -8,9 +8,9 @@ from itertools import pairwise
 from typing import Any
 
 from thirdbody import units
-from thirdbody.bodies.bounded_read import MAX_ROWS, read_bytes
-from thirdbody.engine.upper_plate import Axis, Schedule, Segment, at_time
+from thirdbody.engine.upper_plate import Axis, Schedule, Segment, at_time, ends_of
 from thirdbody.errors import InputError
+from thirdbody.input_files import MAX_ROWS, read_bytes
 from thirdbody.kernels.schedule import POLYNOMIAL, SINE, TRIANGLE
 from thirdbody.laws.memory import MEMORY
 from thirdbody.scene.model import Scene
@@ -47,8 +47,12 @@ def first_load(scene: Scene) -> float:
     return plate.load if plate.load is not None else (plate.pressure or 0.0) * area
 
 
+def smallest_load(schedule: Schedule) -> float:
+    """Return the smallest load of a run over the first one; 1 if the load does not change."""
+    return min((min(piece.value(piece.start), piece.value(end)) for piece, end in ends_of(schedule.load)), default=1.0)
+
+
 def _loading(scene: Scene, stages: tuple, start: float) -> Axis:
-    """Return the load over the settling load: stage after stage; the last load stays."""
     if not stages:
         return ()
     load = first_load(scene)
@@ -71,7 +75,6 @@ def _loading(scene: Scene, stages: tuple, start: float) -> Axis:
 
 
 def _axis(scene: Scene, name: str, stages: tuple, start: float) -> Axis:
-    """Return the segments of one axis: stages in succession, then rest if the last one ends."""
     segments: list[Segment] = []
     t, x, v = start, 0.0, 0.0
     for stage in stages:
@@ -88,7 +91,6 @@ def _axis(scene: Scene, name: str, stages: tuple, start: float) -> Axis:
 
 
 def _stage(scene: Scene, name: str, stage, t: float, x: float, v: float) -> tuple[list[Segment], float, float]:
-    """Return segments, duration and final velocity of a stage from time t, position x, velocity v."""
     if isinstance(stage, Constant):
         length = math.inf if stage.duration is None else stage.duration
         return [Segment(t, POLYNOMIAL, x, stage.velocity)], length, stage.velocity
@@ -137,11 +139,17 @@ def rows_of(scene: Scene, location: tuple, file: str, word: str, dimension: str)
     scales = _header(lines[0][1] if lines else [], word, dimension, fault)
     rows: list[tuple[float, float]] = []
     for number, row in lines[1:]:
-        rows.append(_row(row, scales, lambda message, number=number: fault(f"line {number}: {message}")))  # type: ignore[misc]
-        if dimension == "force" and rows[-1][1] < 0.0:
+        try:
+            t, x = (float(cell) * scale for cell, scale in zip(row, scales, strict=True))
+        except ValueError:
+            raise fault(f"line {number}: expected 2 numbers, got {', '.join(row)}") from None
+        if not (math.isfinite(t) and math.isfinite(x)):
+            raise fault(f"line {number}: not a finite number")
+        if dimension == "force" and x < 0.0:
             raise fault(f"line {number}: a load is never negative")
-        if len(rows) > 1 and rows[-1][0] <= rows[-2][0]:
+        if rows and t <= rows[-1][0]:
             raise fault(f"line {number}: times must grow")
+        rows.append((t, x))
     if len(rows) < 2:
         raise fault("needs at least two rows")
     if rows[0][0] != 0.0 or (dimension == "length" and rows[0][1] != 0.0):
@@ -149,18 +157,7 @@ def rows_of(scene: Scene, location: tuple, file: str, word: str, dimension: str)
     return rows
 
 
-def _row(cells: list[str], scales: tuple[float, float], fault: Callable[[str], InputError]) -> tuple[float, float]:
-    try:
-        t, x = (float(cell) * scale for cell, scale in zip(cells, scales, strict=True))
-    except ValueError:
-        raise fault(f"expected 2 numbers, got {', '.join(cells)}") from None
-    if not (math.isfinite(t) and math.isfinite(x)):
-        raise fault("not a finite number")
-    return t, x
-
-
 def _header(cells: list[str], word: str, dimension: str, fault: Callable[[str], InputError]) -> tuple[float, float]:
-    """Return the scales of the two columns from a header such as `time (us), displacement (um)`."""
     scales = []
     for cell, (name, kind) in zip(cells, (("time", "time"), (word, dimension)), strict=False):
         given, _, unit = cell.strip().partition("(")

@@ -6,27 +6,19 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from thirdbody import units
 from thirdbody.assembly.bed import Bed, SpeedScale, at_computed_speed, bed_of, fast_bed_warnings, refuse_scale, speed_scale
-from thirdbody.assembly.inertial_number import examine_inertia
+from thirdbody.assembly.cautions import cautions, motion_warnings, parts, similarity_warnings
 from thirdbody.assembly.initial_relaxation import RelaxedStart, relax_start
-from thirdbody.assembly.integrator import Plan, implicit, plan, units_of
-from thirdbody.assembly.load_checks import clumps_that_fly, spinning_balls
+from thirdbody.assembly.integrator import Plan, examine_inertia, implicit, plan, units_of
 from thirdbody.assembly.physics import CompiledPhysics, compile_physics
 from thirdbody.assembly.populate import populate
 from thirdbody.assembly.schedule import schedule
-from thirdbody.assembly.surfaces import (
-    SurfaceScales,
-    plate_surfaces,
-    refuse_curvature,
-    surface_notes,
-    surface_scales,
-    with_surfaces,
-)
+from thirdbody.assembly.surfaces import SurfaceScales, plate_surfaces, refuse_curvature, surface_scales, with_surfaces
 from thirdbody.assembly.upper_plate import Upper, upper_plate
 from thirdbody.engine.placed import in_columns
 from thirdbody.engine.state import State, World, assemble
@@ -34,7 +26,6 @@ from thirdbody.engine.upper_plate import Schedule
 from thirdbody.errors import InputError
 from thirdbody.kernels.tables import EVERYTHING
 from thirdbody.laws.contract import Labeller
-from thirdbody.laws.hertz import dundurs_beta
 from thirdbody.laws.registry import Registry, discover
 from thirdbody.scene.checks import too_long, too_long_message, unusual_values
 from thirdbody.scene.model import Scene
@@ -58,9 +49,6 @@ MAX_FRAMES = 1_000_000
 
 EXTENSIONS = 8
 """Parts of the expected settling time by which settling may be extended, one by one."""
-
-MISMATCH = 0.02
-"""Dundurs' beta above which decoupling normal and tangential contact gives a warning."""
 
 
 @dataclass
@@ -150,6 +138,14 @@ class Simulation:
         """Return the time [s] in the scene as it was given, at a computed time; they are the same until the end of settling."""
         return time if time <= self.settle else self.settle + (time - self.settle) * self.time_scale
 
+    def cautions(self) -> list[str]:
+        """Return what `check` warns of besides: effects that are off and would matter, by the state at the start."""
+        return cautions(self.scene, self.choice, self.state, self.upper, self.planned_time)
+
+    def parts(self) -> list[dict[str, Any]]:
+        """Return every effect and component, whether it is on, and why."""
+        return parts(self.scene, self.choice, self.state, self.upper, self.planned_time)
+
     @property
     def announcement(self) -> list[str]:
         """What a run says before it starts: an integrator that expected steps decided, a speed that is not that of the scene."""
@@ -179,7 +175,8 @@ def build(
     rough = plate_surfaces(scene)
     choice = compile_physics(scene, registry)
     refuse_curvature(scene, rough, choice.chain.laws)
-    warnings = [*unusual_values(scene.materials, scene.pairs), *surface_notes(rough), *_similarity_warnings(choice)]
+    notes = (f"{side} plate: {note}" for side, surface in rough.items() for note in surface.notes)
+    warnings = [*unusual_values(scene.materials, scene.pairs), *notes, *similarity_warnings(choice)]
     if choice.physics.stiffness is None:
         bare = ", ".join(choice.chain.without_tangent)
         warnings.append(f"{bare} has no tangent: the time step follows from the Rayleigh time alone")
@@ -207,7 +204,7 @@ def build(
     chosen = plan(scene, choice, state, upper, before)
     ready(units_of(chosen, state))
     warnings += [*_bed_warnings(scene, state, chosen), *examine_inertia(scene, state)]
-    warnings += [*spinning_balls(scene, choice, state), *clumps_that_fly(scene, choice, state)]
+    warnings += motion_warnings(scene, choice, state)
     integrator: Explicit | Implicit
     if chosen.kind == "implicit":
         refuse_scale(scene, scale)
@@ -227,7 +224,6 @@ def build(
 
 
 def _explicit(scene: Scene, choice: CompiledPhysics, state: State, force: bool) -> Explicit:
-    """Return the explicit integrator of a scene, started. Raises InputError for a fixed time step above its bound."""
     # imported here, as is the implicit one: a run loads one of them
     from thirdbody.engine.explicit import Explicit
 
@@ -253,7 +249,6 @@ def _explicit(scene: Scene, choice: CompiledPhysics, state: State, force: bool) 
 
 
 def _end_settling(scene: Scene, choice: CompiledPhysics, settle: float) -> None:
-    """Set the end of settling in the effects that depend on it. Raises InputError for a scene without settling."""
     passing = [effect.name for effect in choice.effects if effect.settling]
     if not passing:
         return
@@ -263,17 +258,7 @@ def _end_settling(scene: Scene, choice: CompiledPhysics, settle: float) -> None:
     choice.physics.effect_parameters[-1] = settle
 
 
-def _similarity_warnings(choice: CompiledPhysics) -> list[str]:
-    return [
-        f"{pair.a.name}/{pair.b.name} are not elastically similar (Dundurs beta {beta:+.3f}): normal and tangential contact are "
-        "coupled there, which Hertz-Mindlin theory neglects"
-        for pair in choice.pairs
-        if abs(beta := dundurs_beta(pair.a, pair.b)) > MISMATCH
-    ]
-
-
 def _bed_warnings(scene: Scene, state: State, chosen: Plan) -> list[str]:
-    """Return warnings of a packed bed whose bodies have no contact with each other, or are solved together."""
     packed = [debris for debris in scene.debris if getattr(debris, "placement", None) == "dense"]
     if not packed or state.n_bodies < 2:
         return []
@@ -327,7 +312,6 @@ def _examine_length(simulation: Simulation) -> None:
 
 
 def _refuse_endless(simulation: Simulation, force: bool) -> None:
-    """Raise InputError for an explicit run that would take months."""
     scene, state, planned = simulation.scene, simulation.state, simulation.planned_time
     steps = planned / state.dt
     wall = steps * state.n_spheres * SPHERE_STEP

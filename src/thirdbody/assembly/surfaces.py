@@ -16,12 +16,11 @@ from thirdbody.scene.model import Scene
 from thirdbody.scene.surfaces import SIDES, Groove, SelfAffine, Sine, SurfaceFile, Waves, spacing_of
 from thirdbody.schema.parts import key_location
 from thirdbody.surfaces import grid
-from thirdbody.surfaces.periodic_scan import ScanOptions, periodic_scan
-from thirdbody.surfaces.read_scan import read_scan
-from thirdbody.surfaces.self_affine import Spectrum, self_affine
+from thirdbody.surfaces.grid import GrooveProfile, Spectrum, groove_heights, phases, self_affine, sine_heights
+from thirdbody.surfaces.reading import read_scan
+from thirdbody.surfaces.scan import ScanOptions, periodic_scan
 from thirdbody.surfaces.statistics import Statistics
 from thirdbody.surfaces.surface import Surface, about_mean_plane
-from thirdbody.surfaces.waves import GrooveProfile, groove_heights, phases, sine_heights
 from thirdbody.units import percent, pretty
 
 Size = tuple[float, float]
@@ -84,11 +83,6 @@ def with_surfaces(world: World, surfaces: Mapping[str, Surface]) -> World:
     )  # fmt: skip
 
 
-def surface_notes(surfaces: Mapping[str, Surface]) -> list[str]:
-    """Return what was done to the measured surfaces, in words."""
-    return [f"{side} plate: {note}" for side, surface in surfaces.items() for note in surface.notes]
-
-
 def _surface(scene: Scene, given: SelfAffine | Waves | SurfaceFile, stream: int) -> Surface:
     size = scene.domain.size
     if isinstance(given, SurfaceFile):
@@ -114,7 +108,6 @@ def _wave_heights(wave: Sine | Groove, shape: tuple[int, int], size: Size):
 
 @contextmanager
 def _faults_of(scene: Scene, side: str) -> Iterator[None]:
-    """Give the faults of a file their place in the scene: the key that they are about, or the name of the file."""
     try:
         yield
     except InputError as error:

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thirdbody.bodies.size_batches import alike
-from thirdbody.bodies.union_moments import MOMENTS, break_heights, longest_links, quadrature, union_moments
-from thirdbody.bodies.vectors import cross, dot
+from thirdbody.bodies.union_moments import longest_links, union_moments
 from thirdbody.errors import Fault, InputError
+from thirdbody.kernels.tables import ONLY_LOWER, ONLY_UPPER
+from thirdbody.rotations import cross, dot, quaternion_from_matrix
 
 # Tolerance in the test of connectedness: rounding may separate spheres that touch in one point by this much.
 _TOUCH = 1e-9
 # Spheres whose centers and radii differ by less, in units of the largest radius of the body, are one sphere given twice.
 _TWICE = 1e-9
-# Per interval, in units of the largest radius: the error of some 40 intervals is then below 1e-5 of the volume (> 4).
-_TOLERANCE = 2e-7
-_QUADRATURE = quadrature()
 # Rounding of the sums over slices; the stated error is never smaller than this.
 _ROUNDING = 1e-13
 # Size of a stack of bodies: with 1e5, tables of pairs of spheres and break heights stay in the cache.
@@ -42,7 +40,7 @@ class Clump:
     error : float
         Bound on the relative error of volume and principal moments, 0 for a single sphere.
     sides : ndarray (k,) or None
-        Surfaces and bodies that each sphere can touch (`columns.sides`); None: all.
+        Surfaces and bodies that each sphere can touch (`kernels.tables`); None: all.
     shape : Clump or None
         The clump of which this is a copy of another size (`resized`), so that what follows from the shape is computed once.
     """
@@ -72,7 +70,7 @@ class Clump:
 
 
 def clump(centers, radii) -> Clump:
-    """Return the clump of spheres; each volume counts once, however many spheres share it (`clump_with_frame`).
+    """Return the clump of spheres; each volume counts once, however many spheres share it.
 
     Parameters
     ----------
@@ -105,10 +103,8 @@ def clump_with_frame(centers, radii) -> tuple[Clump, np.ndarray, np.ndarray]:
 
     Parameters
     ----------
-    centers : array_like (k, 3)
-        Centres of the spheres [m].
-    radii : array_like (k,)
-        Radii of the spheres [m].
+    centers, radii : array_like (k, 3) and (k,)
+        Spheres [m]; refused as by `clump`.
 
     Returns
     -------
@@ -119,15 +115,34 @@ def clump_with_frame(centers, radii) -> tuple[Clump, np.ndarray, np.ndarray]:
     quaternion : ndarray (4,)
         Principal frame in that of `centers`: given center = centroid + rotate(quaternion, clump center), row by row. Axes whose
         order or sign the shape leaves undetermined are those nearest to the given axes.
-
-    Raises
-    ------
-    InputError
-        Wrong shapes, radii not positive, or spheres that are not connected.
     """
-    centers, radii = _checked(centers, radii)
+    centers = np.array(centers, dtype=np.float64, order="C")
+    radii = np.array(radii, dtype=np.float64, order="C")
+    if centers.ndim != 2 or centers.shape[1] != 3 or radii.shape != centers.shape[:1] or not len(radii):
+        raise InputError(f"a clump needs centers (k, 3) and radii (k,), not {centers.shape} and {radii.shape}")
+    faults = []
+    for i, (center, radius) in enumerate(zip(centers, radii, strict=True)):
+        if not np.isfinite(center).all():
+            faults.append(Fault(f"spheres[{i}].center", f"{center.tolist()} is not finite"))
+        if not (np.isfinite(radius) and radius > 0.0):
+            faults.append(Fault(f"spheres[{i}].radius", f"{radius:g} m must be positive and finite"))
+    if faults:
+        raise InputError(faults)
     bodies, centroids, axes = _with_frames(centers[None], radii[None])
     return bodies[0], centroids[0], quaternion_from_matrix(axes[0])
+
+
+def stacks(sizes: Sequence[int] | np.ndarray, margin: int) -> Iterator[tuple[int, np.ndarray]]:
+    """Yield sphere count n and members (m,) of stacks of bodies with n spheres each, of at most margin / n^3 bodies.
+
+    The margin keeps tables over triples of spheres in the cache and bounds the memory.
+    """
+    sizes = np.asarray(sizes)
+    for n in np.unique(sizes):
+        members = np.flatnonzero(sizes == n)
+        maximum = max(1, margin // int(n) ** 3)
+        for first in range(0, len(members), maximum):
+            yield int(n), members[first : first + maximum]
 
 
 def clumps(centers: np.ndarray, radii: np.ndarray) -> list[Clump]:
@@ -136,7 +151,7 @@ def clumps(centers: np.ndarray, radii: np.ndarray) -> list[Clump]:
     Finite centers and positive radii are assumed. InputError: spheres of a body that are not connected.
     """
     bodies: list[Clump] = []
-    for _, members in alike(np.full(len(radii), radii.shape[1]), _MAX_BLOCK):
+    for _, members in stacks(np.full(len(radii), radii.shape[1]), _MAX_BLOCK):
         bodies += _with_frames(centers[members], radii[members])[0]
     return bodies
 
@@ -157,6 +172,28 @@ def _with_frames(centers: np.ndarray, radii: np.ndarray) -> tuple[list[Clump], n
     return [Clump(*parts) for parts in built], anchor + centroid * scale[:, None], axes
 
 
+def spot_body(
+    summits: np.ndarray, radii: np.ndarray, upper: np.ndarray, mass: float, inertia: Sequence[float], density: float
+) -> Clump:
+    """Return a body given by its spots, in its principal axes x, y, z, origin at the centre of mass.
+
+    summits (k, 3) [m]: the points that touch first; radii (k,) [m] of curvature; upper (k,) bool: which plate a spot touches, the
+    only one. mass [kg], inertia (3,) [kg m2]; the volume follows from the mass and this density [kg/m3].
+    """
+    up = np.where(upper, 1.0, -1.0)
+    centers = summits - np.outer(up * radii, (0.0, 0.0, 1.0))
+    sides = np.where(upper, ONLY_UPPER, ONLY_LOWER)
+    return Clump(centers, np.array(radii, float), mass / density, np.array(inertia, float) / density, 0.0, sides)
+
+
+def positions_in_rows(count: int, size: tuple[float, float]) -> np.ndarray:
+    """Return positions (count, 2) [m] in rows over a domain of this size: a nearly square rectangular grid."""
+    columns = max(1, round(math.sqrt(count * size[0] / size[1])))
+    lines = math.ceil(count / columns)
+    k = np.arange(count)
+    return np.column_stack(((k % columns + 0.5) * size[0] / columns, (k // columns + 0.5) * size[1] / lines))
+
+
 def impossible_moments(inertia) -> tuple[int, str] | None:
     """Return the first row of principal moments (n, 3) that no body has, and what is wrong: one above the sum of the others.
 
@@ -167,10 +204,8 @@ def impossible_moments(inertia) -> tuple[int, str] | None:
     if not len(odd):
         return None
     k = int(odd[0])
-    return (
-        k,
-        f"{large[k]:.3g} is above {small[k]:.3g} + {middle[k]:.3g}, the sum of the other moments of inertia: no body has such",
-    )
+    others = f"{small[k]:.3g} + {middle[k]:.3g}, the sum of the other moments of inertia"
+    return k, f"{large[k]:.3g} is above {others}: no body has such"
 
 
 def repeated_spheres(centers: np.ndarray, radii: np.ndarray) -> list[tuple[int, int]]:
@@ -183,73 +218,8 @@ def repeated_spheres(centers: np.ndarray, radii: np.ndarray) -> list[tuple[int, 
     return [(int(k), int(same[k].argmax())) for k in np.flatnonzero(same.any(axis=1))]
 
 
-def quaternion_from_matrix(rotation: np.ndarray) -> np.ndarray:
-    """Return the unit quaternion (4,), w >= 0, of a rotation matrix (3, 3) (Shepperd 1978)."""
-    m = rotation
-    squares = np.array([m.trace(), m[0, 0], m[1, 1], m[2, 2]])
-    k = int(np.argmax(squares))
-    q = np.empty(4)
-    if k == 0:
-        q[:] = 1.0 + m.trace(), m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
-    else:
-        i, j, n = k - 1, k % 3, (k + 1) % 3
-        q[0] = m[n, j] - m[j, n]
-        q[1 + i] = 1.0 + m[i, i] - m[j, j] - m[n, n]
-        q[1 + j] = m[i, j] + m[j, i]
-        q[1 + n] = m[i, n] + m[n, i]
-    return q / math.copysign(np.linalg.norm(q), q[0])
-
-
-def quaternion_product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Return the quaternion (4,) of the rotation q followed by the rotation p."""
-    vector = p[0] * q[1:] + q[0] * p[1:] + np.cross(p[1:], q[1:])
-    return np.array([p[0] * q[0] - p[1:] @ q[1:], *vector])
-
-
-def matrix_from_quaternion(quaternion: np.ndarray) -> np.ndarray:
-    """Return the rotation matrix of a unit quaternion.
-
-    Parameters
-    ----------
-    quaternion : ndarray (4,)
-        (w, x, y, z), body to world.
-
-    Returns
-    -------
-    ndarray (3, 3)
-        Body to world.
-    """
-    w, x, y, z = quaternion
-    return np.array(
-        [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-        ]
-    )
-
-
-def _checked(centers, radii) -> tuple[np.ndarray, np.ndarray]:
-    centers = np.array(centers, dtype=np.float64, order="C")
-    radii = np.array(radii, dtype=np.float64, order="C")
-    if centers.ndim != 2 or centers.shape[1] != 3 or radii.shape != centers.shape[:1] or not len(radii):
-        raise InputError(f"a clump needs centers (k, 3) and radii (k,), not {centers.shape} and {radii.shape}")
-    faults = []
-    for i, (center, radius) in enumerate(zip(centers, radii, strict=True)):
-        if not np.isfinite(center).all():
-            faults.append(Fault(f"spheres[{i}].center", f"{center.tolist()} is not finite"))
-        if not (np.isfinite(radius) and radius > 0.0):
-            faults.append(Fault(f"spheres[{i}].radius", f"{radius:g} m must be positive and finite"))
-    if faults:
-        raise InputError(faults)
-    return centers, radii
-
-
 def _refuse_parts(centers: np.ndarray, radii: np.ndarray) -> None:
-    """Raise InputError with the spheres not connected to sphere 0 in the first such body."""
-    longest = np.empty(len(radii))
-    longest_links(centers, radii, longest)
-    apart = np.flatnonzero(longest > 1.0 + _TOUCH)
+    apart = np.flatnonzero(longest_links(centers, radii) > 1.0 + _TOUCH)
     if not len(apart):
         return
     c, r = centers[apart[0]], radii[apart[0]]
@@ -263,14 +233,18 @@ def _refuse_parts(centers: np.ndarray, radii: np.ndarray) -> None:
 
 
 def _mass_properties(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return volumes (b,), centroids (b, 3), central inertia tensors (b, 3, 3) and errors (2, b).
+    """Return volumes (b,), centroids (b, 3), central inertia tensors (b, 3, 3) and errors of volume and tensor (2, b).
 
-    For a stack (b, n, 3), (b, n); lengths in units of the largest radius; errors of volume and tensor.
+    For a stack (b, n, 3), (b, n) in units of the largest radius.
     """
     bodies = len(r)
     volume, centroid = np.empty(bodies), np.empty((bodies, 3))
     tensor, error = np.empty((bodies, 3, 3)), np.zeros((2, bodies))
-    exposed = _not_swallowed(c, r)
+    # spheres inside no other one; of equal ones the first counts
+    arm = c[:, :, None] - c[:, None]
+    inside = np.sqrt(dot(arm, arm)) + r[:, :, None] <= (r * (1.0 + 1e-12))[:, None]
+    twin, first = inside & inside.transpose(0, 2, 1), np.tri(r.shape[1], k=-1, dtype=bool)
+    exposed = ~((inside & ~twin) | (twin & first)).any(axis=2)
     saved = exposed.sum(axis=1)
     for m in np.unique(saved):
         rows = np.flatnonzero(saved == m)
@@ -288,10 +262,7 @@ def _union_properties(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndar
     """`_mass_properties` of spheres none of which lies inside another."""
     weight = r**3
     middle = (c * weight[:, :, None]).sum(axis=1) / weight.sum(axis=1)[:, None]
-    c = np.ascontiguousarray(c - middle[:, None])
-    total = np.zeros((len(r), 2, MOMENTS))
-    union_moments(c, r, break_heights(c, r), _QUADRATURE, _TOLERANCE, total)
-    moments, errors = total[:, 0], total[:, 1]
+    moments, errors = union_moments(np.ascontiguousarray(c - middle[:, None]), r)
     volume = moments[:, 0]
     offset = moments[:, 1:4] / volume[:, None]
     xx, yy, zz, xy, xz, yz = moments[:, 4:].T
@@ -305,15 +276,6 @@ def _union_properties(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndar
     return volume, middle + offset, tensor, np.array([np.maximum(errors[:, 0], _ROUNDING * volume), moved])
 
 
-def _not_swallowed(c: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Return which spheres (b, n) lie inside no other sphere; of equal ones the first counts."""
-    arm = c[:, :, None] - c[:, None]
-    inside = np.sqrt(dot(arm, arm)) + r[:, :, None] <= (r * (1.0 + 1e-12))[:, None]
-    twin = inside & inside.transpose(0, 2, 1)
-    first = np.tri(r.shape[1], k=-1, dtype=bool)
-    return ~((inside & ~twin) | (twin & first)).any(axis=2)
-
-
 def principal_axes(tensor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return ascending principal moments (..., 3) and right-handed axes (..., 3, 3), as columns, of tensors."""
     inertia, axes = np.linalg.eigh(tensor)
@@ -323,3 +285,28 @@ def principal_axes(tensor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     # Without this, rounding would rotate a sphere, whose axes are undetermined.
     axes[inertia[..., 2] - inertia[..., 0] <= 1e-12 * inertia[..., 2]] = np.eye(3)
     return inertia, axes
+
+
+def sphere_points(count: int) -> np.ndarray:
+    """Return points (count, 3) distributed evenly over the unit sphere (Fibonacci lattice)."""
+    k = np.arange(count) + 0.5
+    z = 1.0 - 2.0 * k / count
+    rotation = math.pi * (1.0 + math.sqrt(5.0)) * k
+    ring = np.sqrt(1.0 - z * z)
+    return np.column_stack((ring * np.cos(rotation), ring * np.sin(rotation), z))
+
+
+_DIRECTIONS = sphere_points(400)
+
+
+def touched(body: Clump, normals: np.ndarray) -> np.ndarray:
+    """Return the sphere (m,) that a plane touches first, for outward unit normals (m, 3)."""
+    return (normals @ body.centers.T + body.radii).argmax(axis=1)
+
+
+def summit_radii(body: Clump) -> np.ndarray:
+    """Return radii (400,) [m] of the spheres that planes touch, over evenly distributed directions.
+
+    Divided by the equivalent radius it measures sharpness: 1 for a sphere, less for sharp bodies.
+    """
+    return body.radii[touched(body, _DIRECTIONS)]

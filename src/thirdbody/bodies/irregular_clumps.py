@@ -1,17 +1,16 @@
-"""Irregular clumps and size distributions: random debris, reproducible body by body."""
+"""Irregular clumps, their asperities and size distributions: random debris, reproducible body by body."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from statistics import NormalDist
 
 import numpy as np
 
-from thirdbody.bodies.asperities import Asperities, sphere_points, with_asperities
-from thirdbody.bodies.clump import Clump, clump, clumps
-from thirdbody.bodies.size_batches import alike
+from thirdbody.bodies.clump import Clump, clump, clumps, sphere_points, stacks, touched
 from thirdbody.bodies.union_moments import longest_links
-from thirdbody.bodies.vectors import dot
 from thirdbody.errors import Fault, InputError
+from thirdbody.rotations import dot
 
 # Distance of linked centers over the sum of radii: a larger one looks like a string of beads,
 # a smaller one hides the single spheres.
@@ -31,38 +30,62 @@ _CORNER = 0.2
 _COVER = 4.0
 # Fewer spheres cannot surround a core.
 _CORED = 5
+# Candidate points per sphere or asperity, of which the farthest from those placed before is chosen (best candidate).
+_CANDIDATES = 12
 # Bodies with open random streams, and size of a stack of them: with 1e5 its tables stay in the cache.
 _BLOCK = 4096
 _MAX_BLOCK = 100_000
-
+# Largest radius of an asperity over the body's equivalent radius; larger ones would change the body.
+_LARGEST = 0.5
+# The radius of asperities depends on the size of the whole body, which they change: each iteration reduces the misfit
+# to less than this fraction (at most 0.5; 0.01 for small ones), so that rounding is reached long before the limit.
+_ROUNDS = 60
 
 _SURFACE = sphere_points(48)
+
+
+@dataclass(frozen=True)
+class Asperities:
+    """Spheres on a body: `count`, and either `radius` [m] or `relative` to the equivalent radius."""
+
+    count: int
+    radius: float | None = None
+    relative: float | None = None
+
+    def fraction(self, diameter: float) -> float:
+        """Return the radius over the equivalent radius of a body of this volume-equivalent diameter [m].
+
+        InputError: the fraction is out of range.
+        """
+        value = self.relative if self.radius is None else 2.0 * self.radius / diameter
+        assert value is not None
+        if not 0.0 < value <= _LARGEST:
+            report = f"{value:.3g} of the equivalent radius of a body of diameter {diameter:.3g} m"
+            raise InputError(Fault("asperities.radius", f"{report} must be more than 0 and at most {_LARGEST:g}"))
+        return value
 
 
 def irregular(rng: np.random.Generator, n_spheres: int, aspect, diameter: float, angularity: float = 0.0) -> Clump:
     """Return a connected clump of unequal spheres that fills an envelope with the axis ratios aspect (3,).
 
     angularity (0 to 1): how much the spheres shrink towards the corners of the hull, so that summits get sharper
-    (`asperities.summit_radii`). The sphere nearest the middle becomes a core, the others move out onto the hull and shrink, at 1
+    (`clump.summit_radii`). The sphere nearest the middle becomes a core, the others move out onto the hull and shrink, at 1
     to the size at which planes still touch them and not the core (0.2 of it at least); links lengthen to 0.95 of the sum of
     radii. Fewer than 5 spheres cannot surround a core: only their links lengthen. Where corners would lose contact with the core
     (flat or long envelopes), the angularity is reduced to keep the aspect.
 
     The volume-equivalent diameter [m] holds to a third of the clump's stated error. Every sphere keeps at least 8 % of its
     surface exposed. A flat envelope needs many spheres: with few, the clump is as flat as connected spheres can be. One sphere is
-    a sphere, whatever the aspect. InputError: n_spheres < 1, aspect or diameter not positive, angularity out of range, or too
-    many spheres for each to be exposed.
+    a sphere, whatever the aspect. InputError: too many spheres for each to be exposed.
     """
     return _irregulars([rng], n_spheres, aspect, np.array([diameter]), angularity)[0]
 
 
 def _irregulars(rngs: list[np.random.Generator], n_spheres: int, aspect, diameters: np.ndarray, angularity: float) -> list[Clump]:
     """Return one body as of `irregular` for each stream and diameter; each is independent of the others."""
-    envelope = _checked_envelope(n_spheres, aspect, diameters)
-    if not 0.0 <= angularity <= 1.0:
-        raise InputError(Fault("angularity", f"{angularity:g} must be 0 to 1"))
     if n_spheres == 1:
         return [clump(np.zeros((1, 3)), [0.5 * diameter]) for diameter in diameters]
+    envelope = np.array(aspect, dtype=np.float64) / max(aspect)
     centers, radii = np.empty((len(rngs), n_spheres, 3)), np.empty((len(rngs), n_spheres))
     left = np.arange(len(rngs))
     for _ in range(_TRIES):
@@ -96,16 +119,13 @@ def population(
     same shape as without them. From body `shapes` on, it draws its size and which of the first bodies it is a copy of.
     InputError: as `irregular`, `diameters` and `Asperities.fraction`.
     """
-    minimum, maximum = spheres
-    if not 1 <= minimum <= maximum:
-        raise InputError(Fault("spheres", f"[{minimum}, {maximum}] must be 1 or more, the lesser first"))
     bodies: list[Clump] = []
     different = count if shapes is None else min(count, shapes)
     for rngs in _streams(seed, population_index, 0, different):
-        n_spheres = np.array([rng.integers(minimum, maximum + 1) for rng in rngs])
-        wide = diameters(Streams(rngs), len(rngs), **size)
+        n_spheres = np.array([rng.integers(spheres[0], spheres[1] + 1) for rng in rngs])
+        wide = diameters(rngs, **size)
         built: dict[int, Clump] = {}
-        for n, members in alike(n_spheres, _MAX_BLOCK):
+        for n, members in stacks(n_spheres, _MAX_BLOCK):
             grown = _irregulars([rngs[k] for k in members], n, aspect, wide[members], angularity)
             built.update(zip(members.tolist(), grown, strict=True))
         for k, rng in enumerate(rngs):
@@ -116,156 +136,107 @@ def population(
     originals = bodies[:different]
     for rngs in _streams(seed, population_index, different, count):
         chosen = [int(rng.integers(different)) for rng in rngs]
-        wide = diameters(Streams(rngs), len(rngs), **size)
+        wide = diameters(rngs, **size)
         bodies += [originals[k].resized(diameter) for k, diameter in zip(chosen, wide.tolist(), strict=True)]
     return bodies
 
 
 def _streams(seed: int, population_index: int, begin: int, end: int) -> Iterator[list[np.random.Generator]]:
-    """Yield the random streams of the bodies `begin` to `end` in blocks."""
     for first in range(begin, end, _BLOCK):
         block = range(first, min(end, first + _BLOCK))
         yield [np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(population_index, k))) for k in block]
 
 
-class Streams:
-    """Several random streams that give one number each: bodies are drawn together but independently."""
-
-    def __init__(self, rngs: list[np.random.Generator]) -> None:
-        self.rngs = rngs
-
-    def random(self, count: int) -> np.ndarray:
-        """Return one uniform number in [0, 1) from each stream, (count,); count is the number of streams."""
-        return np.array([rng.random() for rng in self.rngs])
-
-
-def diameters(rng: np.random.Generator | Streams, count: int, distribution: str, **size: float | None) -> np.ndarray:
-    """Return diameters (count,) [m] from a distribution truncated (not clipped) at min and max.
+def diameters(rngs: Sequence[np.random.Generator], distribution: str, **size: float) -> np.ndarray:
+    """Return a diameter [m] from each random stream, of a distribution truncated (not clipped) at min and max.
 
     lognormal: median [m], sigma (of the logarithm); normal: mean, sigma [m]; uniform: min, max; constant: value. The truncation
-    is exact: a uniform number between the cumulative values of the limits is inverted. InputError: a parameter that is missing,
-    not used, or out of range, an unknown distribution.
+    is exact: a uniform number between the cumulative values of the limits is inverted. InputError: nothing between the limits.
     """
-    given = dict.fromkeys(_SIZE_PARAMETERS) | size
-    _check_size(distribution, given)
-    median, mean, sigma, value, low, high = (given[name] for name in _SIZE_PARAMETERS)
-    low, high = low or 0.0, math.inf if high is None else high
-    if value is not None:
-        return np.full(count, value)
+    low, high = size.get("min", 0.0), size.get("max", math.inf)
+    if distribution == "constant":
+        return np.full(len(rngs), size["value"])
+    levels = np.array([rng.random() for rng in rngs])
     if distribution == "uniform":
-        return low + (high - low) * rng.random(count)
-    if median is not None:
-        normal = NormalDist(math.log(median), sigma or 0.0)
-        low, high = math.log(low) if low > 0.0 else -math.inf, math.log(high)
-        return np.exp(_cut_normal(rng, count, normal, low, high))
-    return _cut_normal(rng, count, NormalDist(mean or 0.0, sigma or 0.0), low, high)
+        return low + (high - low) * levels
+    if distribution == "normal":
+        return _cut_normal(levels, NormalDist(size["mean"], size["sigma"]), low, high)
+    low, high = math.log(low) if low > 0.0 else -math.inf, math.log(high)
+    return np.exp(_cut_normal(levels, NormalDist(math.log(size["median"]), size["sigma"]), low, high))
 
 
-def _cut_normal(rng: np.random.Generator | Streams, count: int, normal: NormalDist, low: float, high: float) -> np.ndarray:
+def _cut_normal(levels: np.ndarray, normal: NormalDist, low: float, high: float) -> np.ndarray:
     # The far tail above the mean loses its digits in 1 - tail: it is mirrored to below the mean.
     if low > normal.mean:
-        mirrored = NormalDist(-normal.mean, normal.stdev)
-        return -_cut_normal(rng, count, mirrored, -high, -low)
+        return -_cut_normal(levels, NormalDist(-normal.mean, normal.stdev), -high, -low)
     first, last = normal.cdf(low), normal.cdf(high)
     if not last - first > 0.0:
         raise InputError(Fault("size", "the distribution has nothing between min and max"))
-    # 1 - random() lies in (0, 1]; the limit itself closes the open end at 1.
-    levels = first + (last - first) * rng.random(count)
-    smallest = np.nextafter(first, 1.0)
-    drawn = [normal.inv_cdf(level) for level in np.maximum(levels, smallest).tolist()]
-    return np.clip(drawn, low, high)  # rounding of the inversion only
+    # The limit itself closes the open end at 0 of the levels.
+    drawn = np.maximum(first + (last - first) * levels, np.nextafter(first, 1.0))
+    return np.clip([normal.inv_cdf(level) for level in drawn.tolist()], low, high)  # rounding of the inversion only
 
 
-_SIZE_KEYS = {
-    "lognormal": ({"median", "sigma"}, {"min", "max"}),
-    "normal": ({"mean", "sigma"}, {"min", "max"}),
-    "uniform": ({"min", "max"}, set()),
-    "constant": ({"value"}, set()),
-}
-_SIZE_PARAMETERS = ("median", "mean", "sigma", "value", "min", "max")
+def with_asperities(rng: np.random.Generator, body: Clump, count: int, fraction: float) -> Clump:
+    """Return the body with `count` spheres on its surface, of its original volume-equivalent diameter.
 
-
-def _check_size(distribution: str, given: dict[str, float | None]) -> None:
-    if distribution not in _SIZE_KEYS:
-        known = ", ".join(_SIZE_KEYS)
-        raise InputError(Fault("size.distribution", f"'{distribution}' is not known; known: {known}"))
-    needed, optional = _SIZE_KEYS[distribution]
-    faults = []
-    for key, number in given.items():
-        if key not in _SIZE_PARAMETERS:
-            raise TypeError(f"diameters() has no parameter '{key}'")
-        if number is None:
-            if key in needed:
-                faults.append(Fault(f"size.{key}", f"a {distribution} distribution needs it"))
-        elif key not in needed | optional:
-            faults.append(Fault(f"size.{key}", f"a {distribution} distribution does not use it"))
-        elif not (math.isfinite(number) and number > 0.0):
-            faults.append(Fault(f"size.{key}", f"{number:g} must be positive and finite"))
-    low, high = given["min"], given["max"]
-    if not faults and low is not None and high is not None and low > high:
-        faults.append(Fault("size.min", f"{low:g} m is more than max = {high:g} m"))
-    if faults:
-        raise InputError(faults)
-
-
-def _checked_envelope(n_spheres: int, aspect, diameters: np.ndarray) -> np.ndarray:
-    """Return the half axes (3,) of the envelope, the longest 1."""
-    axes = np.array(aspect, dtype=np.float64)
-    faults = []
-    if n_spheres < 1:
-        faults.append(Fault("spheres", f"{n_spheres} must be 1 or more"))
-    if axes.shape != (3,) or not np.isfinite(axes).all() or not (axes > 0.0).all():
-        faults.append(Fault("aspect", f"{axes.tolist()} must be three positive numbers"))
-    for diameter in diameters[~(np.isfinite(diameters) & (diameters > 0.0))]:
-        faults.append(Fault("size", f"diameter {diameter:g} m must be positive and finite"))
-    if faults:
-        raise InputError(faults)
-    return axes / axes.max()
+    The centre of each sphere lies on the surface of the body, where a plane from a random direction would touch it: its summit
+    protrudes by its own radius towards that plane, which then touches it and nothing else; the body stays in one piece. The
+    points are spread: each is the farthest of 12 candidates from those before. The radius is `fraction` of the equivalent radius
+    (half the diameter) of the whole; the asperities come last among the spheres, all of one radius.
+    """
+    normals = rng.normal(size=(count, _CANDIDATES, 3))
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    sphere = touched(body, normals.reshape(-1, 3)).reshape(count, _CANDIDATES)
+    points = body.centers[sphere] + body.radii[sphere][:, :, None] * normals
+    summits = np.empty((count, 3))
+    summits[0] = points[0, 0]
+    for k in range(1, count):
+        apart = ((points[k][:, None] - summits[:k]) ** 2).sum(axis=2).min(axis=1)
+        summits[k] = points[k, np.argmax(apart)]
+    radius = 0.5 * body.diameter
+    small, size = fraction * radius, radius
+    for _ in range(_ROUNDS):
+        whole = clump(np.concatenate((body.centers, summits)), np.concatenate((body.radii, np.full(count, small))))
+        before, size = size, 0.5 * whole.diameter
+        if abs(size - before) <= 1e-14 * size:
+            break
+        small = fraction * size
+    return whole.scaled(radius / size)
 
 
 def _grown(rngs: list[np.random.Generator], n: int, envelope: np.ndarray, angularity: float) -> tuple[np.ndarray, np.ndarray]:
     """Return centers (b, n, 3) and radii (b, n) of connected trial clumps inside the envelope, one per stream."""
-    seeds, weights, neck = _draw_clumps(rngs, n, envelope)
+    candidates, numbers = np.empty((len(rngs), n, _CANDIDATES, 3)), np.empty((len(rngs), (_CANDIDATES + 1) * n + 1))
+    for k, rng in enumerate(rngs):
+        rng.standard_normal(out=candidates[k])
+        rng.random(out=numbers[k])
+    seeds = _scattered_seeds(candidates, numbers[:, : _CANDIDATES * n].reshape(-1, n, _CANDIDATES), envelope)
+    weights = _UNEQUAL + (1.0 - _UNEQUAL) * numbers[:, _CANDIDATES * n : -1]
+    neck = _NECK[0] + (_NECK[1] - _NECK[0]) * numbers[:, -1]
     thinnest = envelope.min()
     inset = np.ones_like(weights)
     if angularity > 0.0:
         seeds, weights, inset, neck = _sharpened(seeds, weights, neck, envelope, angularity)
 
-    def stretched(radius: np.ndarray) -> np.ndarray:
-        return _reach(seeds, weights, inset, envelope, radius) / neck
-
     # The larger the spheres, the smaller the volume of their centers: find the smallest radius that connects them.
     low, high = np.full(len(rngs), 0.02 * thinnest), np.full(len(rngs), thinnest)
-    excess = stretched(high)
+    excess = _reach(seeds, weights, inset, envelope, high) / neck
     flat = excess > 1.0
     for _ in range(12):
         middle = 0.5 * (low + high)
-        apart = stretched(middle) > 1.0
+        apart = _reach(seeds, weights, inset, envelope, middle) / neck > 1.0
         low, high = np.where(apart, middle, low), np.where(apart, high, middle)
     high[flat] = thinnest
     centers = seeds * (envelope - high[:, None, None] * inset[:, :, None])
-    # Too flat for this many spheres: contracted in the plane until they connect, and no closer than necessary, to look
-    # flat.
+    # Too flat for this many spheres: contracted in the plane until they connect, and no closer than necessary, to look flat.
     centers[flat] /= (excess * neck / _NECK_FLAT)[flat, None, None]
     return centers, high[:, None] * weights
 
 
-def _draw_clumps(rngs: list[np.random.Generator], n: int, envelope: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Draw seeds (b, n, 3), weights (b, n) and necks (b,) of trial clumps."""
-    candidates, numbers = np.empty((len(rngs), n, 12, 3)), np.empty((len(rngs), 13 * n + 1))
-    for k, rng in enumerate(rngs):
-        rng.standard_normal(out=candidates[k])
-        rng.random(out=numbers[k])
-    seeds = _scattered_seeds(candidates, numbers[:, : 12 * n].reshape(-1, n, 12), envelope)
-    weights = _UNEQUAL + (1.0 - _UNEQUAL) * numbers[:, 12 * n : -1]
-    return seeds, weights, _NECK[0] + (_NECK[1] - _NECK[0]) * numbers[:, -1]
-
-
 def _reach(seeds, weights: np.ndarray, inset, envelope: np.ndarray, radius: np.ndarray) -> np.ndarray:
     """Return the largest distance over sum of radii, (b,), of links in clumps of largest radius (b,)."""
-    reach = np.empty(len(weights))
-    longest_links(seeds * (envelope - radius[:, None, None] * inset[:, :, None]), radius[:, None] * weights, reach)
-    return reach
+    return longest_links(seeds * (envelope - radius[:, None, None] * inset[:, :, None]), radius[:, None] * weights)
 
 
 def _sharpened(
@@ -309,7 +280,7 @@ def _cored(
 
 
 def _scattered_seeds(candidates: np.ndarray, levels: np.ndarray, envelope: np.ndarray) -> np.ndarray:
-    """Return points (b, n, 3) in the unit sphere, far apart in the envelope (best candidate of 12).
+    """Return points (b, n, 3) in the unit sphere, far apart in the envelope (best candidate).
 
     candidates (b, n, 12, 3): normal numbers, levels (b, n, 12): uniform ones.
     """

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from thirdbody.bodies.bounded_read import LARGEST, SMALLEST, read_bytes
 from thirdbody.bodies.clump import principal_axes
 from thirdbody.errors import Fault, InputError
+from thirdbody.input_files import LARGEST, SMALLEST, read_bytes
 
 SUFFIXES = (".stl", ".obj", ".ply")
 
@@ -44,11 +44,18 @@ class Mesh:
         return self.vertices[self.faces]
 
     @cached_property
-    def surface(self) -> Any:
-        """The same as a `trimesh.Trimesh`; its lengths below 1e-8 count as none, so that those of m suit topology only."""
+    def frame(self) -> tuple[float, np.ndarray]:
+        """The largest extent [m] and the middle (3,) [m]."""
+        low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
+        return float((high - low).max()), 0.5 * (low + high)
+
+    @cached_property
+    def unit(self) -> Any:
+        """The same from the middle, in units of the extent, as a `trimesh.Trimesh`, whose tolerances are for such lengths."""
         import trimesh
 
-        return trimesh.Trimesh(self.vertices, self.faces, process=False)
+        extent, middle = self.frame
+        return trimesh.Trimesh((self.vertices - middle) / extent, self.faces, process=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +97,8 @@ def checked_mesh(vertices, faces, name: str) -> Mesh:
     InputError: one fault that names the file and a remedy, for a mesh that is not finite, empty, open, of mixed winding, in
     several pieces, flat or inside out, or that cuts through itself.
     """
+    from trimesh.grouping import clusters
+
     vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
     if not faces.size:
         raise _fault(name, "holds no triangles: it is empty, cut short, or not of the format its name says")
@@ -98,49 +107,41 @@ def checked_mesh(vertices, faces, name: str) -> Mesh:
         raise _fault(name, f"{bad} of {len(vertices)} vertices are not finite numbers; export the surface again")
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise _fault(name, "a triangle names a vertex that is not there: the file is cut short; export it again")
-    mesh = _merged(vertices, faces, name)
+    # the used vertices, coincident ones merged, without faces that have collapsed to a line
+    points, inverse = np.unique(vertices[faces.ravel()], axis=0, return_inverse=True)
+    label = np.arange(len(points))
+    for group in clusters(points, _SAME * float(np.abs(points).max())):
+        label[group] = group.min()
+    faces = label[inverse.reshape(-1, 3)]
+    used, faces = np.unique(faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)], return_inverse=True)
+    mesh = Mesh(points[used], faces.reshape(-1, 3), name)
     if not mesh.faces.size:
         message = "all triangles are empty: every one has two corners at the same position"
         raise _fault(name, f"{message} (within {_SAME:g} of the largest coordinate, {np.abs(vertices).max():.3g} m)")
-    if problem := _open(mesh) or _without_volume(mesh) or _folded(mesh):
+    if problem := _not_closed(mesh) or _folded(mesh):
         raise _fault(name, problem)
     return mesh
 
 
 def mass_properties(mesh: Mesh) -> MassProperties:
     """Return exact volume, centroid and principal inertia of the polyhedron, at unit density (`trimesh`; Eberly 2002)."""
-    from trimesh.triangles import mass_properties as properties
-
-    # From the middle, in units of the extent: offsets cost digits, and the library's limits are lengths of order 1.
-    extent, middle = _frame(mesh)
-    corners = (mesh.corners - middle) / extent
-    raw = properties(corners)
+    (extent, middle), raw = mesh.frame, mesh.unit.mass_properties
     inertia, axes = principal_axes(np.asarray(raw.inertia))
     # Terms of either sign, up to the area times the extent, cancel to the volume; the least moment lies between larger ones.
-    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
-    error = np.finfo(np.float64).eps * area / raw.volume * inertia[2] / inertia[0]
-    return MassProperties(
-        float(raw.volume * extent**3), middle + extent * raw.center_mass, inertia * extent**5, axes, float(error)
-    )
+    error = np.finfo(np.float64).eps * mesh.unit.area / raw.volume * inertia[2] / inertia[0]
+    centroid = middle + extent * raw.center_mass
+    return MassProperties(float(raw.volume * extent**3), centroid, inertia * extent**5, axes, float(error))
 
 
 def surface_samples(mesh: Mesh, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return points (count, 3) sampled by area, unit normals (count, 3), triangle indices (count,)."""
-    a, b, c = mesh.corners.transpose(1, 0, 2)
-    normals = np.cross(b - a, c - a)
-    doubled = np.linalg.norm(normals, axis=1)
+    area = mesh.unit.area_faces
     levels = (np.arange(count) + rng.random(count)) / count
-    face = np.searchsorted(np.cumsum(doubled) / doubled.sum(), levels).clip(max=len(doubled) - 1)
+    face = np.searchsorted(np.cumsum(area) / area.sum(), levels).clip(max=len(area) - 1)
     first, second = np.sqrt(rng.random(count)), rng.random(count)
     weights = np.stack((1.0 - first, first * (1.0 - second), first * second), axis=1)
     points = np.einsum("pk,pki->pi", weights, mesh.corners[face])
-    return points, normals[face] / doubled[face, None], face
-
-
-def _frame(mesh: Mesh) -> tuple[float, np.ndarray]:
-    """Return the largest extent [m] and the middle (3,) [m]."""
-    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-    return float((high - low).max()), 0.5 * (low + high)
+    return points, mesh.unit.face_normals[face], face
 
 
 def _fault(name: str, message: str) -> InputError:
@@ -148,7 +149,6 @@ def _fault(name: str, message: str) -> InputError:
 
 
 def _read(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices (v, 3) in units of the file and faces (f, 3), unchanged."""
     name = str(path)
     if path.suffix.lower() not in SUFFIXES:
         known = ", ".join(SUFFIXES)
@@ -174,7 +174,7 @@ def _read(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _refuse_short_stl(data: bytes, name: str) -> None:
-    """Raise InputError for a truncated binary STL file, which would be read as text without triangles."""
+    # trimesh would read it as text without triangles
     if b"endsolid" in data.lower():
         return
     if data[:5].lower() == b"solid" and b"facet" in data[: _STL_TRIANGLE * 20].lower():
@@ -202,27 +202,13 @@ def _odd_vertex(data: bytes) -> str | None:
     return None
 
 
-def _merged(vertices: np.ndarray, faces: np.ndarray, name: str) -> Mesh:
-    """Return the mesh of the used vertices, coincident ones merged, without faces that have collapsed to a line."""
-    from trimesh.grouping import clusters
-
-    points, inverse = np.unique(vertices[faces.ravel()], axis=0, return_inverse=True)
-    label = np.arange(len(points))
-    for group in clusters(points, _SAME * float(np.abs(points).max())):
-        label[group] = group.min()
-    faces = label[inverse.reshape(-1, 3)]
-    used, faces = np.unique(faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)], return_inverse=True)
-    return Mesh(points[used], faces.reshape(-1, 3), name)
-
-
-def _open(mesh: Mesh) -> str:
-    """Return what is wrong where not every edge joins two triangles that run along it in opposite directions."""
+def _not_closed(mesh: Mesh) -> str:
     from trimesh.graph import connected_component_labels
 
     singular_values = np.linalg.svd(mesh.vertices - mesh.vertices.mean(axis=0), compute_uv=False)
     if singular_values[-1] <= _SAME * singular_values[0]:  # its two sides have merged, and every edge seems doubled
         return "encloses no volume: all vertices lie in one plane; a sheet is not a body, give it a thickness"
-    surface = mesh.surface
+    surface = mesh.unit
     uses = np.bincount(surface.edges_unique_inverse)
     if (uses == 1).any():
         message = f"is not watertight: {(uses == 1).sum()} edges have a triangle on one side only; close the holes"
@@ -235,18 +221,11 @@ def _open(mesh: Mesh) -> str:
         return f"has triangles of mixed winding along {mixed} edges; make all normals point outwards in a mesh editor"
     # by edges: bodies that share no more than a vertex are two
     pieces = connected_component_labels(surface.face_adjacency, len(mesh.faces)).max() + 1
-    return f"holds {pieces} separate surfaces; save each body to its own file, and fill cavities" if pieces > 1 else ""
-
-
-def _without_volume(mesh: Mesh) -> str:
-    """Return what is wrong where the volume is not positive, or no more than that of a sheet."""
-    extent, middle = _frame(mesh)
-    corners = mesh.corners - middle
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    volume = np.einsum("fi,fi->", corners[:, 0], across) / 6.0
-    if abs(volume) <= _FLAT * 0.5 * np.linalg.norm(across, axis=1).sum() * extent:
-        return f"encloses no volume ({volume:.3g} m3): a sheet is not a body; give it a thickness"
-    return "is inside out: its normals point inwards; flip all normals in a mesh editor" if volume < 0.0 else ""
+    if pieces > 1:
+        return f"holds {pieces} separate surfaces; save each body to its own file, and fill cavities"
+    if abs(surface.volume) <= _FLAT * surface.area:
+        return f"encloses no volume ({surface.volume * mesh.frame[0] ** 3:.3g} m3): a sheet is not a body; give it a thickness"
+    return "is inside out: its normals point inwards; flip all normals in a mesh editor" if surface.volume < 0.0 else ""
 
 
 def _folded(mesh: Mesh) -> str:
@@ -255,11 +234,11 @@ def _folded(mesh: Mesh) -> str:
     Lines in one direction through random points of the surface: from outside, they enter and leave the body in turn. A stretch
     that they have entered twice, or left before they entered, counts double or negative in volume and moments.
     """
-    extent, middle = _frame(mesh)
+    extent, middle = mesh.frame
     rng = np.random.default_rng(0)
     rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     points = (surface_samples(mesh, _LINES, rng)[0] - middle) / extent @ rotation
-    corners = (mesh.corners - middle) / extent @ rotation
+    corners = mesh.unit.triangles @ rotation
     low, high = corners[:, :, :2].min(axis=1), corners[:, :, :2].max(axis=1)
     wrong, length, first = 0.0, 0.0, None
     for point in points:

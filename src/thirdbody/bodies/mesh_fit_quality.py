@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from thirdbody.bodies.asperities import sphere_points
+from thirdbody.bodies.clump import sphere_points
 from thirdbody.bodies.mesh import Mesh, surface_samples
 
 # Number of points that distances are averaged over, and of those that distances are measured to. The latter, on
@@ -36,31 +36,17 @@ class Distances:
     maximum: float
 
 
-@dataclass(frozen=True, eq=False)
-class ContactRadii:
-    """Radii of curvature at the points that planes touch, over evenly distributed directions.
-
-    spheres (m,): indices of the m spheres touched; share (m,): fraction of all directions; radius (m,) [m]: of the sphere;
-    local_radius (m,) [m]: median over these directions of the radius of the mesh at the point of contact, sqrt(R' R'') of the two
-    principal radii (equivalent radius of an elliptical contact: Johnson 1985, section 4.2), inf where it is flat.
-    """
-
-    spheres: np.ndarray
-    fraction: np.ndarray
-    radius: np.ndarray
-    local_radius: np.ndarray
-
-    @property
-    def ratio(self) -> np.ndarray:
-        """Radius of the sphere over that of the mesh, (m,); 1 is a contact as stiff as that of the mesh."""
-        return self.radius / self.local_radius
-
-
 def union_samples(centers, radii, count: int, rng: np.random.Generator) -> np.ndarray:
     """Return about `count` points (k, 3) sampled by area on the surface of the union of spheres."""
-    free = _exposed_points(centers, radii, count, rng)
-    # Hidden parts yield no points: sample again with a count scaled by the exposed fraction.
-    return _exposed_points(centers, radii, math.ceil(count * count / max(1, len(free))), rng)
+    number = count
+    for _ in range(2):
+        owner = np.searchsorted(np.cumsum(radii**2) / (radii**2).sum(), rng.random(number)).clip(max=len(radii) - 1)
+        directions = rng.normal(size=(number, 3))
+        points = centers[owner] + radii[owner, None] * directions / np.linalg.norm(directions, axis=1)[:, None]
+        free = points[_exposed(points, radii[owner], centers, radii)]
+        # Hidden parts yield no points: sampled again with a count scaled by the exposed fraction.
+        number = math.ceil(count * count / max(1, len(free)))
+    return free
 
 
 def distances(mesh: Mesh, centers, radii, rng: np.random.Generator) -> tuple[Distances, Distances]:
@@ -71,7 +57,8 @@ def distances(mesh: Mesh, centers, radii, rng: np.random.Generator) -> tuple[Dis
     there = distance_to_union(points, centers, radii, union)
     # Corners protrude farthest and random samples miss them.
     corners = distance_to_union(mesh.vertices, centers, radii, union)
-    back = _distance_to_mesh(union[:: max(1, len(union) // _MEASURED)], mesh, target, face)
+    some = union[:: max(1, len(union) // _MEASURED)]
+    back = np.linalg.norm(nearest_points(some, mesh, target, face) - some, axis=1)
     return _summary(there, max(there.max(), corners.max())), _summary(back, back.max())
 
 
@@ -99,16 +86,20 @@ def distance_to_union(points, centers, radii, union: np.ndarray) -> np.ndarray:
     return nearest
 
 
-def contact_radii(mesh: Mesh, centers, radii, rng: np.random.Generator) -> ContactRadii:
-    """Compare radii of curvature where planes touch the hulls of mesh and spheres; lengths in units of R."""
+def contact_ratio(mesh: Mesh, centers, radii, rng: np.random.Generator) -> np.ndarray:
+    """Return the radius over that of the mesh, (m,), of the m spheres that planes touch; 1 is a contact as stiff as the mesh's.
+
+    That of the mesh is the median over evenly distributed directions of the radius where a plane touches it, sqrt(R' R'') of
+    the two principal radii (equivalent radius of an elliptical contact: Johnson 1985, section 4.2), inf where it is flat.
+    """
     ups = sphere_points(_DIRECTIONS)
     vertices = np.array([np.argmax(mesh.vertices @ up) for up in ups])
     touched = (ups @ centers.T + radii).argmax(axis=1)
     corners, inverse = np.unique(vertices, return_inverse=True)
     local = local_radii(mesh, corners, rng)[inverse]
-    spheres, fraction = np.unique(touched, return_counts=True)
-    median = np.array([np.sort(local[touched == k])[(n - 1) // 2] for k, n in zip(spheres, fraction, strict=True)])
-    return ContactRadii(spheres, fraction / len(ups), radii[spheres], median)
+    spheres, count = np.unique(touched, return_counts=True)
+    median = np.array([np.sort(local[touched == k])[(n - 1) // 2] for k, n in zip(spheres, count, strict=True)])
+    return radii[spheres] / median
 
 
 def local_radii(mesh: Mesh, corners: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -117,7 +108,7 @@ def local_radii(mesh: Mesh, corners: np.ndarray, rng: np.random.Generator) -> np
     A quadric through the vertex is fitted to the surrounding vertices or, where these are few, to points of the triangles. Edges
     are therefore rounded at the size of the patch. inf: flat or saddle-shaped there.
     """
-    normals = mesh.surface.vertex_normals
+    normals = mesh.unit.vertex_normals
     tree = cKDTree(mesh.vertices)
     points, across, _ = surface_samples(mesh, _TARGETS, rng)
     cloud = cKDTree(points)
@@ -147,14 +138,6 @@ def _quadric_radius(patch: np.ndarray, up: np.ndarray) -> float:
     return 1.0 / math.sqrt(gauss) if gauss > 0.0 and a + c < 0.0 else math.inf
 
 
-def _exposed_points(centers, radii, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Return those of `count` points, distributed over all spheres by area, that no other sphere covers."""
-    owner = np.searchsorted(np.cumsum(radii**2) / (radii**2).sum(), rng.random(count)).clip(max=len(radii) - 1)
-    distances = rng.normal(size=(count, 3))
-    points = centers[owner] + radii[owner, None] * distances / np.linalg.norm(distances, axis=1)[:, None]
-    return points[_exposed(points, radii[owner], centers, radii)]
-
-
 def _exposed(points, own, centers, radii) -> np.ndarray:
     """Return which points (p,), on spheres of radius `own` (p,), lie in no other sphere."""
     return _by_power(centers, radii, points, 1)[0][:, 0] >= -1e-9 * own**2
@@ -181,11 +164,6 @@ def union_volume(centers, radii) -> float:
     own = np.repeat(radii, len(ups))
     free = _exposed(points.reshape(-1, 3), own, centers, radii).reshape(len(radii), -1)
     return float((4.0 * np.pi / 3.0 / len(ups) * radii**2 * ((points * ups).sum(axis=2) * free).sum(axis=1)).sum())
-
-
-def _distance_to_mesh(points, mesh: Mesh, target: np.ndarray, face: np.ndarray) -> np.ndarray:
-    """Return the distance (p,) to the nearest triangle among those of the samples nearest to each point."""
-    return np.linalg.norm(nearest_points(points, mesh, target, face) - points, axis=1)
 
 
 def nearest_points(points, mesh: Mesh, target: np.ndarray, face: np.ndarray) -> np.ndarray:

@@ -10,10 +10,11 @@ from scipy.optimize import least_squares
 from scipy.sparse.csgraph import minimum_spanning_tree
 from scipy.spatial import cKDTree
 
-from thirdbody.bodies.clump import Clump, quaternion_from_matrix
+from thirdbody.bodies.clump import Clump
 from thirdbody.bodies.mesh import Mesh, mass_properties, surface_samples
-from thirdbody.bodies.mesh_fit_quality import ContactRadii, Distances, contact_radii, distances, nearest_points, union_volume
+from thirdbody.bodies.mesh_fit_quality import Distances, contact_ratio, distances, nearest_points, union_volume
 from thirdbody.errors import Fault, InputError
+from thirdbody.rotations import quaternion_from_matrix
 
 SPHERES, DEFAULT = (4, 1500), 12
 """Range of the number of spheres: a flake of aspect 30 takes some 1200. By default so many, and more where they miss."""
@@ -27,9 +28,8 @@ times as thick, thinner ones hundreds of times. Small spheres along a sheet, whi
 0.6 of it.
 """
 
-MAX_CACHED = 1000
-"""Largest number of cached fits: populations of one scene often share meshes."""
-
+# Largest number of cached fits: populations of one scene often share meshes.
+_MAX_CACHED = 1000
 _ALLOWED = f"allowed: {VOLUME[0]:g} to {VOLUME[1]:g} times, {EXTENT:g} times, {100 * RMS:g} %"
 # Lengths in R, the radius of the sphere of the same volume.
 _SAMPLES = 8000
@@ -59,8 +59,8 @@ class Fit:
     """Accuracy of a clump's fit to its mesh, and the position of the clump's frame in that of the mesh.
 
     size: R [m], radius of the sphere of the mesh's volume; to_spheres, to_mesh: distances from the mesh to the union and back,
-    over R; volume_ratio, extents (3,) along the principal axes: union over mesh (the clump has the mesh's volume); contacts:
-    radii of curvature; mesh point = centroid (3,) [m] + rotate(quaternion (4,), clump point).
+    over R; volume_ratio, extents (3,) along the principal axes: union over mesh (the clump has the mesh's volume); contact_ratio:
+    radii of curvature, spheres over mesh; mesh point = centroid (3,) [m] + rotate(quaternion (4,), clump point).
     """
 
     size: float
@@ -68,7 +68,7 @@ class Fit:
     to_mesh: Distances
     volume_ratio: float
     extents: np.ndarray
-    contacts: ContactRadii
+    contact_ratio: np.ndarray
     centroid: np.ndarray
     quaternion: np.ndarray
 
@@ -98,15 +98,8 @@ def clump_from_mesh(mesh: Mesh, n_spheres: int | None, seed: int = 0) -> tuple[C
     """
     shape = sha256(mesh.vertices.tobytes()).digest(), sha256(mesh.faces.tobytes()).digest()
     key = (*shape, mesh.name, n_spheres, seed)
-    if key not in _cache:
-        if len(_cache) == MAX_CACHED:
-            _cache.clear()
-        _cache[key] = _clump_of(mesh, n_spheres, seed)
-    return _cache[key]
-
-
-def _clump_of(mesh: Mesh, n_spheres: int | None, seed: int) -> tuple[Clump, Fit]:
-    """`clump_from_mesh` without the cache."""
+    if key in _cache:
+        return _cache[key]
     minimum, maximum = SPHERES
     if n_spheres is not None and not minimum <= n_spheres <= maximum:
         raise InputError(Fault("spheres", f"{n_spheres} is outside {minimum} to {maximum}, the spheres that represent a mesh"))
@@ -116,28 +109,27 @@ def _clump_of(mesh: Mesh, n_spheres: int | None, seed: int) -> tuple[Clump, Fit]
     problem = ""
     for centers, radii in _fits(unit, n_spheres or DEFAULT, seed):
         rng = np.random.default_rng(seed)
-        ratio = union_volume(centers, radii) / (4.0 / 3.0 * np.pi)
+        volume = union_volume(centers, radii) / (4.0 / 3.0 * np.pi)
         there, back = distances(unit, centers, radii, rng)
         reach = (centers + radii[:, None]).max(axis=0) - (centers - radii[:, None]).min(axis=0)
         extents = reach / np.ptp(unit.vertices, axis=0)
-        rms, parts = max(there.rms, back.rms), _tree(centers, radii)[1] > 1.0
-        if not parts and rms <= RMS and VOLUME[0] <= ratio <= VOLUME[1] and extents.max() <= EXTENT:
+        far, rms, parts = extents.max(), max(there.rms, back.rms), _tree(centers, radii)[1] > 1.0
+        if not parts and rms <= RMS and VOLUME[0] <= volume <= VOLUME[1] and far <= EXTENT:
             break
-        what = (
-            f"have {ratio:.3g} times its volume, reach {extents.max():.3g} times as far and are {100.0 * rms:.2g} % of R off (rms"
-        )
-        what = "do not connect" if parts else f"{what}; {_ALLOWED})"
+        what = f"have {volume:.3g} times its volume, reach {far:.3g} times as far and are {100.0 * rms:.2g} % of R off"
+        what = "do not connect" if parts else f"{what} (rms; {_ALLOWED})"
         problem = problem or f"{len(radii)} spheres miss this shape: they {what}; "
     else:
         raise InputError(Fault("spheres", problem + _remedy(unit, seed), mesh.name))
     if problem and n_spheres is not None:
-        raise InputError(
-            Fault("spheres", f"{problem}{len(radii)} fit (where no number is given, as many as it needs are taken)", mesh.name)
-        )
-    contacts = contact_radii(unit, centers, radii, rng)
-    contacts = ContactRadii(contacts.spheres, contacts.fraction, contacts.radius * size, contacts.local_radius * size)
+        message = f"{problem}{len(radii)} fit (where no number is given, as many as it needs are taken)"
+        raise InputError(Fault("spheres", message, mesh.name))
+    ratio = contact_ratio(unit, centers, radii, rng)
     body = Clump(centers * size, radii * size, mass.volume, mass.inertia, mass.error)
-    return body, Fit(size, there, back, ratio, extents, contacts, mass.centroid, quaternion_from_matrix(mass.axes))
+    if len(_cache) == _MAX_CACHED:
+        _cache.clear()
+    _cache[key] = body, Fit(size, there, back, volume, extents, ratio, mass.centroid, quaternion_from_matrix(mass.axes))
+    return _cache[key]
 
 
 def _fits(mesh: Mesh, n: int, seed: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -215,7 +207,7 @@ def _thin_balls(mesh: Mesh, seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _number_along(mesh: Mesh, centers, radii) -> float:
     """Return about how many spheres along a sheet connect: hexagons of the diameter on half the area, and a third more."""
-    return 1.35 * 0.5 * mesh.surface.area * float((1.0 / (2.0 * np.sqrt(3.0) * radii**2)).mean())
+    return 1.35 * 0.5 * mesh.unit.area * mesh.frame[0] ** 2 * float((1.0 / (2.0 * np.sqrt(3.0) * radii**2)).mean())
 
 
 def _farthest_points(centers, radii, n: int) -> np.ndarray:
@@ -282,7 +274,7 @@ def _adjusted(centers, radii, x: np.ndarray, width: float) -> tuple[np.ndarray, 
 
 
 def _unpacked(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return centers and radii; logarithms keep the radii positive, and a bad trial step finite."""
+    # logarithms keep the radii positive, and a bad trial step finite
     q = p.reshape(-1, 4)
     return q[:, :3], np.exp(np.clip(q[:, 3], -10.0, 10.0))
 
@@ -319,11 +311,10 @@ def _tree(centers, radii) -> tuple[tuple[np.ndarray, np.ndarray], float]:
 
 
 def _remedy(mesh: Mesh, seed: int) -> str:
-    """Say what would do where no number of spheres follows the mesh."""
     needed = _number_along(mesh, *_thin_balls(mesh, seed))
     if needed < SPHERES[1]:
         return f"nor do other numbers up to {SPHERES[1]}; smooth the mesh, or give its spheres in a table (kind 'file')"
-    message = (
+    return (
         f"small spheres all along it would be some {needed:.2g}, at most {SPHERES[1]} make a body: sheets and needles may be "
+        "up to some thirty times as long as thick; give the mesh a larger thickness, or cut a smaller piece of it"
     )
-    return message + "up to some thirty times as long as thick; give the mesh a larger thickness, or cut a smaller piece of it"

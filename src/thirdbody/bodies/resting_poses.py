@@ -1,15 +1,13 @@
 """Poses in which a clump can rest on a horizontal plane under gravity."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from thirdbody.bodies.asperities import sphere_points
-from thirdbody.bodies.clump import Clump
-from thirdbody.bodies.size_batches import alike
+from thirdbody.bodies.clump import Clump, sphere_points, stacks
 from thirdbody.bodies.union_moments import triples
-from thirdbody.bodies.vectors import cross, dot
+from thirdbody.rotations import cross, dot
 
 # In units of the largest radius: spheres within this distance of the plane are contacts, and a centroid this near
 # to the edge of the support lies on it. Poses follow from closed forms, accurate to some 1e-15 of the body.
@@ -20,7 +18,7 @@ _EDGE = 1e-7
 _SAME = 1e-6
 # Directions that differ by less have the same contacts: all triples of a flat layer of 100 spheres are one direction.
 _EQUAL = 1e-11
-# Size of a stack of bodies (`size_batches.alike`): with 6e4, tables of triples of spheres stay in the cache; largest
+# Size of a stack of bodies (`clump.stacks`): with 6e4, tables of triples of spheres stay in the cache; largest
 # number of candidates evaluated at once, and of entries in a table of their pairs: 100 spheres have 300 000 candidates.
 _MAX_BLOCK, _MEASURED, _PAIRED = 60_000, 8192, 2_000_000
 # Of bodies of more spheres only those count that planes of so many directions touch: triples of all would not fit into memory.
@@ -40,20 +38,19 @@ def resting_poses(clump: Clump) -> tuple[np.ndarray, np.ndarray]:
     return quaternions[0], heights[0]
 
 
-def settle(clump: Clump, rng: np.random.Generator) -> tuple[np.ndarray, float]:
-    """Return quaternion (4,) and height [m] of a random resting pose, rotated randomly about z."""
-    quaternions, heights = settle_all([clump], rng)
-    return quaternions[0], float(heights[0])
-
-
 def settle_all(clumps: Sequence[Clump], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """`settle` for one body after the other from one stream: quaternions (n, 4) and heights (n,) [m]."""
+    """Return random resting poses, rotated randomly about z: quaternions (n, 4) and heights (n,) [m].
+
+    Drawn for one body after the other from one stream.
+    """
     drawn = [(*rng.standard_normal(3), rng.uniform(0.0, math.pi)) for _ in clumps]
     up, half = np.split(np.array(drawn).reshape(-1, 4), [3], axis=1)
     q, height = np.empty((len(clumps), 4)), np.empty(len(clumps))
-    shapes, shape = _shapes_of(clumps)
+    shapes = list({id(body.shape or body): body.shape or body for body in clumps}.values())
+    number = {id(body): k for k, body in enumerate(shapes)}
+    shape = np.array([number[id(body.shape or body)] for body in clumps], np.int64)
     size = np.array([body.radii[0] for body in clumps])
-    for _, members in alike([len(body.radii) for body in shapes], _MAX_BLOCK):
+    for _, members in stacks([len(body.radii) for body in shapes], _MAX_BLOCK):
         centers = np.array([shapes[s].centers for s in members])
         quaternions, heights = _poses_of(centers, np.array([shapes[s].radii for s in members]))
         w, x, y, z = np.moveaxis(quaternions, 2, 0)
@@ -69,15 +66,8 @@ def settle_all(clumps: Sequence[Clump], rng: np.random.Generator) -> tuple[np.nd
     return _yawed(q, half[:, 0]), height
 
 
-def _shapes_of(clumps: Sequence[Clump]) -> tuple[list[Clump], np.ndarray]:
-    """Return the different shapes of the clumps, in order, and the number (n,) of that of each."""
-    shapes, number = [body.shape or body for body in clumps], dict[int, int]()
-    index = np.array([number.setdefault(id(shape), len(number)) for shape in shapes], np.int64)
-    return list({id(shape): shape for shape in shapes}.values()), index
-
-
 def _yawed(q: np.ndarray, half: np.ndarray) -> np.ndarray:
-    """Return quaternions (n, 4) rotated about z by twice the angles (n,)."""
+    """Return quaternions (n, 4) rotated about z by twice the angles `half` (n,)."""
     c, s = np.cos(half), np.sin(half)
     w, x, y, z = q.T
     return np.column_stack((c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w))
@@ -112,7 +102,11 @@ def _poses_of(centers: np.ndarray, radii: np.ndarray) -> tuple[np.ndarray, np.nd
     if r.shape[1] > _MANY:
         heights[heights > _STANDING * heights.min(axis=1, keepdims=True)] = np.inf
     order = np.argsort(heights, axis=1, kind="stable")[:, : int(np.isfinite(heights).sum(axis=1).max())]
-    return _rotations_to_z(np.take_along_axis(rows, order[:, :, None], axis=1)), np.take_along_axis(heights, order, axis=1)
+    ups = np.take_along_axis(rows, order[:, :, None], axis=1)
+    # The smallest rotations to +z; straight down it is not unique: half a turn about x.
+    quaternions = np.stack((1.0 + ups[..., 2], ups[..., 1], -ups[..., 0], np.zeros(ups.shape[:-1])), axis=-1)
+    quaternions[quaternions[..., 0] < 1e-14] = (0.0, 1.0, 0.0, 0.0)
+    return quaternions / np.linalg.norm(quaternions, axis=-1)[..., None], np.take_along_axis(heights, order, axis=1)
 
 
 def _exposed(c: np.ndarray, r: np.ndarray) -> np.ndarray:
@@ -128,9 +122,15 @@ def _exposed(c: np.ndarray, r: np.ndarray) -> np.ndarray:
 def _minima(c: np.ndarray, r: np.ndarray) -> np.ndarray:
     """Return up-vectors (b, p, 3) of the resting poses, or NaN; lengths over the largest radius."""
     directions, touches, families = _candidates(c, r)
-    body, index = np.nonzero(_on_own_sphere(directions, touches, c, r))
+    heights, own = _heights(directions, touches, c, r)
+    body, index = np.nonzero(own)
     ups, family = directions[body, index], families[body, index]
-    first = _first_of_equal(body, family, ups)
+    # of equal directions of one body and family the first
+    keys = np.column_stack((body, family, np.rint(ups / _EQUAL).astype(np.int64)))
+    order = np.lexsort(keys.T)
+    is_first = np.ones(len(body), np.bool_)
+    is_first[1:] = (keys[order[1:]] != keys[order[:-1]]).any(axis=1)
+    first = np.sort(order[is_first])
     body, ups, family = body[first], ups[first], family[first]
     stable = np.zeros(len(body), np.bool_)
     size = max(1, _PAIRED // r.shape[1])
@@ -139,58 +139,31 @@ def _minima(c: np.ndarray, r: np.ndarray) -> np.ndarray:
         stable[block] = _is_stable(ups[block], c[body[block]], r[body[block]])
     # The lowest direction of all is a minimum, even where close contacts hide it by rounding.
     alone = np.flatnonzero(np.bincount(body[stable], minlength=len(r)) == 0)
-    lowest = _lowest(directions[alone], c[alone], r[alone])
     body, ups, family = body[stable], ups[stable], family[stable]
     count = np.bincount(body, minlength=len(r))
     index = np.arange(len(body)) - (np.cumsum(count) - count)[body]
     rows, families = np.full((len(r), max(count.max(), 1), 3), np.nan), np.full((len(r), max(count.max(), 1)), -1)
     rows[body, index], families[body, index] = ups, family
     rows[~_distinct(rows, families)] = np.nan
-    rows[alone, 0] = lowest
+    rows[alone, 0] = directions[alone, heights[alone].argmin(axis=1)]
     return rows
 
 
-def _lowest(ups: np.ndarray, c: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Return the candidate (b, 3) with the lowest centroid, of the candidates (b, m, 3) of every body."""
-    heights = np.empty(ups.shape[:2])
+def _heights(ups: np.ndarray, touches: np.ndarray, c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return heights (b, m) of the centroid, infinite for NaN, and whether (b, m) the sphere in contact is the lowest.
+
+    Most candidates fail here: another sphere is below the plane.
+    """
+    heights, own = np.empty(ups.shape[:2]), np.empty(ups.shape[:2], np.bool_)
     transposed = c.transpose(0, 2, 1)
-    for block in _blocks(ups.shape[1]):
-        heights[:, block] = (r[:, None] - ups[:, block] @ transposed).max(axis=2)
-    heights[np.isnan(heights)] = np.inf
-    return ups[np.arange(len(r)), heights.argmin(axis=1)]
-
-
-def _first_of_equal(body: np.ndarray, family: np.ndarray, ups: np.ndarray) -> np.ndarray:
-    """Return ascending indices of the first candidates (m,) of one body and family with equal directions (m, 3)."""
-    keys = np.column_stack((body, family, np.rint(ups / _EQUAL).astype(np.int64)))
-    order = np.lexsort(keys.T)
-    is_first = np.ones(len(body), np.bool_)
-    is_first[1:] = (keys[order[1:]] != keys[order[:-1]]).any(axis=1)
-    return np.sort(order[is_first])
-
-
-def _blocks(count: int) -> Iterator[slice]:
-    """Yield slices of candidates that are evaluated at once."""
-    return (slice(first, first + _MEASURED) for first in range(0, count, _MEASURED))
-
-
-def _rotations_to_z(ups: np.ndarray) -> np.ndarray:
-    """Return quaternions (..., 4) of the smallest rotations of the unit vectors (..., 3) to +z."""
-    quaternions = np.stack((1.0 + ups[..., 2], ups[..., 1], -ups[..., 0], np.zeros(ups.shape[:-1])), axis=-1)
-    # Straight down the smallest rotation is not unique: half a turn about x.
-    quaternions[quaternions[..., 0] < 1e-14] = (0.0, 1.0, 0.0, 0.0)
-    return quaternions / np.linalg.norm(quaternions, axis=-1)[..., None]
-
-
-def _on_own_sphere(ups: np.ndarray, touches: np.ndarray, c: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Return which candidates (b, m) have no other sphere below the plane: most fail here, and so does NaN."""
-    saved = np.empty(ups.shape[:2], np.bool_)
-    transposed = c.transpose(0, 2, 1)
-    for block in _blocks(ups.shape[1]):
+    for first in range(0, ups.shape[1], _MEASURED):
+        block = slice(first, first + _MEASURED)
         bottom = ups[:, block] @ transposed - r[:, None]
-        own = np.take_along_axis(bottom, touches[None, block, None], axis=2)[:, :, 0]
-        saved[:, block] = own <= bottom.min(axis=2) + _TOLERANCE
-    return saved
+        heights[:, block] = -bottom.min(axis=2)
+        touching = np.take_along_axis(bottom, touches[None, block, None], axis=2)[:, :, 0]
+        own[:, block] = touching <= _TOLERANCE - heights[:, block]
+    heights[np.isnan(heights)] = np.inf
+    return heights, own
 
 
 def _distinct(ups: np.ndarray, family: np.ndarray) -> np.ndarray:
@@ -249,6 +222,12 @@ def _candidates(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
     radius; NaN where there is no such direction.
     """
     n = r.shape[1]
+    distance = np.sqrt(dot(c, c))
+    bottom = c[:, :, 2] - r
+    # A sphere about the centroid rolls freely, here on -z; with a second one there, pairs cover the case.
+    alone = (bottom <= bottom.min(axis=1, keepdims=True) + _TOLERANCE).sum(axis=1) == 1
+    rolling = np.where(alone[:, None], (0.0, 0.0, 1.0), np.nan)[:, None]
+    single = np.where(distance[:, :, None] > _TOLERANCE, c / np.maximum(distance, _TOLERANCE)[:, :, None], rolling)
     i, j = np.triu_indices(n, 1)
     d, r_i, r_j = c[:, i] - c[:, j], r[:, i], r[:, j]
     length = np.sqrt(dot(d, d))
@@ -264,9 +243,8 @@ def _candidates(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
         e = np.where(off > _TOLERANCE, e / off, _tangents(d)[0])
         f = cross(d, e)
         label = _families(alpha * d, d, free)
-        ups, touches = [_single(c, r), alpha * d + beta * e], [np.arange(n), i]
-        triple = _triple(c, r, d, e, f, alpha, beta)
-        ups, touches = [*ups, *triple], [*touches, *[triples(n)[0][0]] * 2]
+        triple, third = _triple(c, r, d, e, f, alpha, beta), triples(n)[0][0]
+        ups, touches = [single, alpha * d + beta * e, *triple], [np.arange(n), i, third, third]
         none = np.full(triple[0].shape[:2], -1)
         family = [np.full(r.shape, -1), label, none, none]
         for x, y in _DIRECTIONS if free.any() else ():
@@ -274,16 +252,6 @@ def _candidates(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
             touches.append(i)
             family.append(label)
     return np.concatenate(ups, axis=1), np.concatenate(touches), np.concatenate(family, axis=1)
-
-
-def _single(c: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Return up-vectors (b, n, 3) of bodies that rest on one sphere."""
-    distance = np.sqrt(dot(c, c))
-    bottom = c[:, :, 2] - r
-    # A sphere about the centroid rolls freely, here on -z; with a second one there, pairs cover the case.
-    alone = (bottom <= bottom.min(axis=1, keepdims=True) + _TOLERANCE).sum(axis=1) == 1
-    rolling = np.where(alone[:, None], (0.0, 0.0, 1.0), np.nan)[:, None]
-    return np.where(distance[:, :, None] > _TOLERANCE, c / np.maximum(distance, _TOLERANCE)[:, :, None], rolling)
 
 
 def _triple(c, r, d, e, f, alpha, beta) -> tuple[np.ndarray, np.ndarray]:
@@ -315,7 +283,7 @@ def _families(shift: np.ndarray, d: np.ndarray, free: np.ndarray) -> np.ndarray:
 
 
 def _tangents(ups: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return unit vectors (..., 3) normal to the given unit vectors and to each other."""
+    """Return two unit vectors (..., 3) normal to the given ones and to each other."""
     x, y, z = np.moveaxis(ups, -1, 0)
     none = np.zeros_like(x)
     a = np.where(np.abs(ups[..., 2:]) < 0.7, np.stack((-y, x, none), axis=-1), np.stack((none, -z, y), axis=-1))

@@ -1,6 +1,9 @@
-"""Listing, lookup and description of commands: built-in ones, and those of plug-ins, imported only when called."""
+"""Listing, lookup and description of commands: built-in ones, those of plug-ins, imported only when called, and those gone."""
 
 import ast
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
@@ -9,11 +12,11 @@ from typing import Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from thirdbody.cli.removed import REMOVED_COMMANDS, refuse_removed_options
-from thirdbody.errors import UsageError, nearest
+from thirdbody.errors import OutputError, UsageError, nearest
 
 COMMAND_GROUP = "thirdbody.commands"
 
+# Metavars in help for options that name none; all others have their own name in capitals.
 METAVARS = {
     "TIME": ("budget", "every", "wall_limit"),
     "LENGTH": ("unit",),
@@ -24,9 +27,24 @@ METAVARS = {
     "NUMBER": ("big_h", "half_width", "zoom"),
     "PIXELS": ("height", "width"),
 }
-"""Metavars in help for options that name none; all others have their own name in capitals."""
-
 _METAVAR = {name: metavar for metavar, names in METAVARS.items() for name in names}
+
+SEEDS = (
+    "a run is computed by one process; more bodies, or a cluster, take a sweep over seeds: "
+    "thirdbody sweep SCENE --vary debris.0.seed=1,2,3 (guide: On a cluster)"
+)
+REMOVED_COMMANDS = {"hard": "the cases that break naive codes are run by `python tests/bench/hard_cases.py` of the source tree"}
+# Commands and options that are gone, and what does their job now.
+REMOVED_OPTIONS = {
+    ("run", "--parts"): SEEDS,
+    ("run", "--dask"): SEEDS,
+    ("run", "--cluster"): SEEDS,
+    ("resume", "--dask"): SEEDS,
+    ("resume", "--cluster"): SEEDS,
+    ("export", "--pack"): "`h5repack -f SHUF -f GZIP=4 RUN/run.vtkhdf FILE` (of the HDF5 tools) writes a compressed copy",
+    ("cost", "--verify"): "closed forms and orders of convergence are checked by the project's own tests (tests/theory); what "
+    "neighbouring spots do to each other is a line of `thirdbody cost SCENE --effects`, close_spots",
+}
 
 
 class Command(TyperCommand):
@@ -41,10 +59,13 @@ class Command(TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the options. Raises UsageError for one that is gone."""
-        refuse_removed_options(str(ctx.info_name), args)
+        for option in (word.partition("=")[0] for word in args):
+            if (ctx.info_name, option) in REMOVED_OPTIONS:
+                raise UsageError(f"{option}: {REMOVED_OPTIONS[ctx.info_name, option]}")
         return super().parse_args(ctx, args)
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write arguments and options as two lists."""
         rows: dict[str, list[tuple[str, str]]] = {"argument": [], "option": []}
         for parameter in self.get_params(ctx):
             record = parameter.get_help_record(ctx)
@@ -60,7 +81,7 @@ class Command(TyperCommand):
 def documented(point: EntryPoint) -> str:
     """Return the docstring of a command, read from its source without an import; empty where it cannot be found."""
     package, *inner = point.module.split(".")
-    try:
+    with suppress(OSError, SyntaxError, ValueError, ImportError):
         spec = find_spec(package)  # of the package only: that of a module would import the package
         if spec is None or spec.origin is None:
             return ""
@@ -68,8 +89,6 @@ def documented(point: EntryPoint) -> str:
         for node in ast.parse(source.read_text(encoding="utf-8")).body:
             if isinstance(node, ast.FunctionDef) and node.name == point.attr:
                 return ast.get_docstring(node) or ""
-    except (OSError, SyntaxError, ValueError, ImportError):
-        pass
     return ""
 
 
@@ -81,6 +100,7 @@ class PluginCommand(Command):
         self.point = point
 
     def make_context(self, *args: Any, **kwargs: Any) -> Any:
+        """Load the real command and return its context. Raises UsageError."""
         try:
             function = self.point.load()
             plugged = typer.Typer(rich_markup_mode=None, add_completion=False)
@@ -95,14 +115,19 @@ class PluginCommand(Command):
 class Group(TyperGroup):
     """Built-in commands and those of installed plug-ins."""
 
+    @cached_property
+    def plugged(self) -> dict[str, EntryPoint]:
+        """Commands of plug-ins by name; each search reads the metadata of all installed packages."""
+        return {point.name: point for point in entry_points(group=COMMAND_GROUP)}
+
     def list_commands(self, ctx: Any) -> list[str]:
-        return [*super().list_commands(ctx), *sorted(point.name for point in entry_points(group=COMMAND_GROUP))]
+        """Return the names, those of plug-ins last."""
+        return [*super().list_commands(ctx), *sorted(self.plugged)]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return a command by its name, None without."""
         own = super().get_command(ctx, cmd_name)
-        if own is not None:
-            return own
-        return next((PluginCommand(point) for point in entry_points(group=COMMAND_GROUP) if point.name == cmd_name), None)
+        return PluginCommand(self.plugged[cmd_name]) if own is None and cmd_name in self.plugged else own
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find the command of the first word. Raises UsageError, for one that is gone or with the existing commands."""
@@ -117,7 +142,40 @@ class Group(TyperGroup):
         """Parse the options before the command. Raises UsageError and OutputError for completion."""
         if ctx.resilient_parsing or not {"--install-completion", "--show-completion"} & set(args[:1]):
             return super().parse_args(ctx, args)
-        from thirdbody.cli.completion import checked_completion
-
         with checked_completion():
             return super().parse_args(ctx, args)
+
+
+SHELLS = ("bash", "zsh", "fish", "powershell", "pwsh")
+ZSH_FUNCTION = ".zfunc/_thirdbody"
+COMPLETE_NOW = '[[ $zsh_eval_context[-1] == loadautofunc ]] && _thirdbody_completion "$@"\n'
+
+
+@contextmanager
+def checked_completion() -> Iterator[None]:
+    """Let typer show or install completion. Raises UsageError in an unknown shell, OutputError when writing fails."""
+    from shellingham import ShellDetectionFailure, detect_shell
+
+    shell, home = "unknown", None
+    with suppress(ShellDetectionFailure):
+        shell = detect_shell()[0]
+    with suppress(RuntimeError):  # HOME is not set and the system does not know the user
+        home = Path.home()
+    if shell not in SHELLS:
+        raise UsageError(f"completion exists for bash, zsh and fish; the shell here is {shell}: start one of them and repeat")
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(f"{error.filename}: cannot be written ({error.strerror})") from error
+    except RuntimeError as error:
+        if home is None:
+            raise OutputError("completion is installed in the home folder, and this user has none: set HOME") from error
+        raise
+    finally:
+        if shell == "zsh" and home is not None:
+            # zsh completes at the first tab of a session; otherwise that tab only loads typer's function
+            path = home / ZSH_FUNCTION
+            with suppress(OSError):  # completion is shown only, or the error message follows
+                text = path.read_text()
+                if "_thirdbody_completion" in text and "loadautofunc" not in text:
+                    path.write_text(f"{text}\n{COMPLETE_NOW}")

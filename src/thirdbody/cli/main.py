@@ -2,21 +2,17 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
 from thirdbody.cli.command_group import Command, Group
-from thirdbody.cli.keys import keys
-from thirdbody.cli.new import new
-from thirdbody.cli.option_groups import Execution, Film, Image, Json, MeshFit, Plugins, Settings, grouped
-from thirdbody.cli.overrides import override_pairs
+from thirdbody.cli.option_groups import Execution, Image, Json, MeshFit, Plugins, Settings, grouped, override_pairs
+from thirdbody.cli.starter_files import new
 from thirdbody.cli.studies import cost, sweep
-from thirdbody.cli.surface import surface
 from thirdbody.errors import GuardStop, Interrupted, ThirdbodyError, UsageError
 from thirdbody.system.signals import stop_on_signal
-from thirdbody.system.standard_streams import guarded_streams
-from thirdbody.system.terminal import print_line, printable_output
+from thirdbody.system.terminal import guarded_streams, print_line, printable_output
 
 app = typer.Typer(
     cls=Group,
@@ -43,7 +39,18 @@ def top(version: Annotated[bool, typer.Option("--version", "-V", help="print the
 
 
 app.command(cls=Command)(new)
-app.command(cls=Command)(keys)
+
+
+@app.command(cls=Command)
+def keys(
+    word: Annotated[str | None, typer.Argument(metavar="WORD", help="part of a name, or a word of its meaning [all]")] = None,
+    plugin: Plugins = None,
+    json: Json = False,
+) -> None:
+    """Look up keys of a scene file, series and arrays of a run: units, limits, defaults, meanings, examples."""
+    from thirdbody.report.reference import keys_report
+
+    keys_report(word, plugin or (), json)
 
 
 @app.command(cls=Command)
@@ -57,7 +64,7 @@ def check(
     """Check a scene and print it with all defaults, laws and their sources, time step and its limit, and run time."""
     from thirdbody.report.scene_check import check_report, print_check
     from thirdbody.report.tables import print_json
-    from thirdbody.runner.prepare import prepare
+    from thirdbody.runner.simulate import prepare
 
     built = prepare(_load(scene, settings, plugin), plugin or (), force)
     message = check_report(built)
@@ -82,9 +89,8 @@ def run(
     """Run a scene and write its trajectory, labels and series."""
     times = _wall_times(execution)
     from thirdbody.report.tables import print_warnings
-    from thirdbody.runner.prepare import check_threads, prepare
     from thirdbody.runner.run_folder import refuse_existing
-    from thirdbody.runner.simulate import default_folder
+    from thirdbody.runner.simulate import check_threads, default_folder, prepare
 
     loaded = _load(scene, settings, plugin)
     folder = out or default_folder(loaded)
@@ -106,8 +112,8 @@ def resume(
 ) -> None:
     """Continue a run that was interrupted or killed, or extend a finished one with --set solver.distance=... ."""
     from thirdbody.report.tables import print_warnings
-    from thirdbody.runner.prepare import check_threads
     from thirdbody.runner.resume import prepare_resume
+    from thirdbody.runner.simulate import check_threads
 
     times = _wall_times(execution)
     notes = check_threads(execution.threads)
@@ -126,7 +132,7 @@ def states(
     json: Json = False,
 ) -> None:
     """Print states and their reasons: fractions of all bodies per frame, or body by body for one frame."""
-    from thirdbody.report.slope_report import slopes_report
+    from thirdbody.report.slopes import slopes_report
     from thirdbody.report.tables import states_report
 
     if cycles is not None and (slopes or frame is not None):
@@ -138,7 +144,7 @@ def states(
         return
     if out is not None:
         from thirdbody.plot.forecast_plot import check_format
-        from thirdbody.report.forecast_check import draw_forecast
+        from thirdbody.report.forecast import draw_forecast
 
         check_format(out)  # before the tables
     states_report(run, frame, json, cycles)
@@ -155,12 +161,11 @@ def render(
     frame: Annotated[int | None, typer.Option("--frame", help="frame number, negative from the end [the last]")] = None,
     *,
     image: Image,
-    film: Film,
 ) -> None:
     """Draw the debris between the plates: a picture, a film, or an interactive page for a browser."""
     from thirdbody.render.render import render as draw
 
-    options = vars(image) | vars(film)
+    options = dict(vars(image))
     size = options.pop("width"), options.pop("height")
     print_line(draw(run, out, progress=True, frame=frame, size=size, **options))
 
@@ -221,13 +226,13 @@ def shapes(
 ) -> None:
     """Describe and draw the bodies of a scene or the clump fitted to a mesh, or list the kinds of debris."""
     if listed:
-        from thirdbody.report.debris_kinds import kinds_report
+        from thirdbody.report.shapes import kinds_report
 
         kinds_report(str(path) if path else None, plugin or (), json)
         return
     if path is None:
         raise UsageError("give a scene, a mesh or a folder of meshes, or --list")
-    from thirdbody.report.clump_shapes import draw_shapes, read_shapes, shapes_report
+    from thirdbody.report.shapes import draw_shapes, read_shapes, shapes_report
 
     result = read_shapes(path, mesh.unit, mesh.spheres, mesh.seed, override_pairs(settings), plugin or ())
     shapes_report(result, json)
@@ -236,7 +241,37 @@ def shapes(
         print_line(out, err=json)
 
 
-app.command(cls=Command)(surface)
+@app.command(cls=Command)
+def surface(
+    path: Annotated[Path, typer.Argument(metavar="FILE|SCENE", help="measured surface, or scene (TOML) with a rough plate")],
+    out: Annotated[
+        list[Path] | None,
+        typer.Option("--out", "-o", metavar="FILE", help="height map (.npz) or picture (.png, .pdf, .svg); may be repeated"),
+    ] = None,
+    plate: Annotated[Literal["lower", "upper"] | None, typer.Option("--plate", help="plate of a scene [the rough one]")] = None,
+    unit: Annotated[str | None, typer.Option("--unit", help="unit of a file that names none, such as um")] = None,
+    spacing: Annotated[
+        str | None, typer.Option("--spacing", metavar="LENGTH", help="text: distance of points, or 'x, y'")
+    ] = None,
+    settings: Settings = None,
+    plugin: Plugins = None,
+    json: Json = False,
+) -> None:
+    """Describe a measured surface or that of a scene's plate, convert it to NPZ, draw it."""
+    from thirdbody.report import surface as report
+
+    targets = out or []
+    report.check_targets(path, targets, plate, unit or spacing)
+    if path.suffix.lower() in report.SCENES:
+        one = report.describe_plate(path, plate, override_pairs(settings), plugin or (), targets)
+    else:
+        one = report.describe_scan(path, unit, spacing, targets)
+    report.surface_report(one, json)
+    report.draw_described(one, targets)
+    for target in targets:
+        print_line(target, err=json)
+
+
 app.command(cls=Command)(sweep)
 app.command(cls=Command)(cost)
 
@@ -250,13 +285,11 @@ def laws(
 ) -> None:
     """List laws, levels and effects with their sources, run the conformance suite on a file, or print the code of a scene."""
     from thirdbody.laws.registry import discover
-    from thirdbody.report.tables import conformance_report, laws_report
+    from thirdbody.report.reference import conformance_report, laws_report, print_code
 
     if code and check:
         raise UsageError("give --check or --show-code, not both")
     if code:
-        from thirdbody.report.generated_code import print_code
-
         print_code(_load(code, None, plugin), discover(plugin or ()), json)
     elif check:
         conformance_report(check, json)
@@ -265,7 +298,6 @@ def laws(
 
 
 def _wall_times(execution: Execution) -> Any:
-    """Return the wall times of a run. Raises UsageError for invalid ones."""
     from thirdbody import units
     from thirdbody.runner.run_loop import WallTimes
 
@@ -283,7 +315,6 @@ def _wall_times(execution: Execution) -> Any:
 
 
 def _execute(built: Any, folder: Path, execution: Execution, **options: Any) -> None:
-    """Run the built simulation, report it, and raise the error that stopped it."""
     from contextlib import nullcontext
 
     from thirdbody.report.tables import run_report
@@ -313,28 +344,23 @@ def _load(path: Path, settings: list[str] | None, plugins: list[Path] | None) ->
 def main() -> None:
     """Entry point: turn every error into one message and its exit code; escape control sequences in texts."""
     with guarded_streams(), printable_output():
-        _main()
+        try:
+            app(prog_name="thirdbody")
+        except ThirdbodyError as error:
+            text = error.for_command_line()
+            print(text if "\n" in text else f"thirdbody: {text}", file=sys.stderr)
+            sys.exit(error.exit_code)
+        except KeyboardInterrupt:
+            sys.exit(130)
+        except MemoryError as error:
+            print(f"thirdbody: not enough memory{f' ({error})' if str(error) else ''}", file=sys.stderr)
+            sys.exit(5)
+        except Exception:
+            import traceback
 
-
-def _main() -> None:
-    """Run the command named by the arguments."""
-    try:
-        app(prog_name="thirdbody")
-    except ThirdbodyError as error:
-        text = error.for_command_line()
-        print(text if "\n" in text else f"thirdbody: {text}", file=sys.stderr)
-        sys.exit(error.exit_code)
-    except KeyboardInterrupt:
-        sys.exit(130)
-    except MemoryError as error:
-        print(f"thirdbody: not enough memory{f' ({error})' if str(error) else ''}", file=sys.stderr)
-        sys.exit(5)
-    except Exception:
-        import traceback
-
-        traceback.print_exc()
-        print("thirdbody: this is a bug in thirdbody; please report it with the lines above and the scene", file=sys.stderr)
-        sys.exit(1)
+            traceback.print_exc()
+            print("thirdbody: this is a bug in thirdbody; please report it with the lines above and the scene", file=sys.stderr)
+            sys.exit(1)
 
 
 if __name__ == "__main__":

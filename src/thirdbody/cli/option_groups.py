@@ -1,4 +1,4 @@
-"""Options that belong together, as one parameter of a command: a dataclass with a field per option."""
+"""Options of several commands; those that belong together are one parameter of a command: a dataclass, a field per option."""
 
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass, fields, is_dataclass
@@ -9,6 +9,8 @@ from typing import Annotated, Any, get_type_hints
 
 import typer
 
+from thirdbody.errors import UsageError
+
 
 def grouped(function: Callable[..., None]) -> Callable[..., None]:
     """Return the function as a command for typer: each parameter that is a dataclass becomes one option per field."""
@@ -16,7 +18,12 @@ def grouped(function: Callable[..., None]) -> Callable[..., None]:
     groups: dict[str, Any] = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
     options: list[Parameter] = []
     for name, parameter in signature(function).parameters.items():
-        options += _options_of(groups[name]) if name in groups else [_option(name, parameter.default, hints[name])]
+        if name not in groups:
+            options.append(_option(name, parameter.default, hints[name]))
+            continue
+        inner = get_type_hints(groups[name], include_extras=True)
+        for field in fields(groups[name]):
+            options.append(_option(field.name, Parameter.empty if field.default is MISSING else field.default, inner[field.name]))
 
     @wraps(function)
     def command(**given: Any) -> None:
@@ -29,14 +36,6 @@ def grouped(function: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
-def _options_of(group: Any) -> list[Parameter]:
-    hints = get_type_hints(group, include_extras=True)
-    return [
-        _option(field.name, Parameter.empty if field.default is MISSING else field.default, hints[field.name])
-        for field in fields(group)
-    ]
-
-
 def _option(name: str, default: Any, annotation: Any) -> Parameter:
     return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
@@ -45,6 +44,17 @@ Settings = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE"
 Plugins = Annotated[list[Path] | None, typer.Option("--plugin", help="Python file with a PLUGIN; may be repeated")]
 Json = Annotated[bool, typer.Option("--json", help="print JSON")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="no progress")]
+
+
+def override_pairs(settings: list[str] | None) -> dict[str, str]:
+    """Return the values of --set by their keys."""
+    pairs = {}
+    for text in settings or ():
+        key, sign, value = text.partition("=")
+        if not sign or not key.strip():
+            raise UsageError(f"--set {text}: write KEY=VALUE, such as solver.distance='1 um'")
+        pairs[key.strip()] = value.strip()
+    return pairs
 
 
 @dataclass(frozen=True)
@@ -81,7 +91,7 @@ class MeshFit:
 
 @dataclass(frozen=True)
 class Image:
-    """What a picture shows, and its size in pixels."""
+    """What a picture or a film shows, and its size in pixels."""
 
     color: Annotated[
         str, typer.Option("--color", help="state, reason, population, material, speed, or an array (velocity_x)")
@@ -94,12 +104,6 @@ class Image:
     zoom: Annotated[float | None, typer.Option("--zoom", help="fraction of the domain that is shown, 0.0001 to 1")] = None
     width: Annotated[int, typer.Option("--width", min=200, max=8192)] = 1600
     height: Annotated[int, typer.Option("--height", min=200, max=8192)] = 900
-
-
-@dataclass(frozen=True)
-class Film:
-    """Frames of a film."""
-
     frames: Annotated[str | None, typer.Option("--frames", metavar="A:B:C", help="film: from A, before B, each C-th")] = None
     fps: Annotated[int, typer.Option("--fps", help="film: frames a second")] = 12
     camera: Annotated[str | None, typer.Option("--camera", help="film of a body: fixed or follow [follow]")] = None

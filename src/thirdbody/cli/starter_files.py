@@ -1,24 +1,80 @@
-"""Starter files: the scenes and the plug-in template installed with the program, and copies of them."""
+"""Starter files, and the command that writes them: the scenes and the plug-in template installed with the program."""
 
 import os
-import tomllib
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+import typer
 
 from thirdbody.atomic_files import write_whole
 from thirdbody.errors import MissingLibrary, OutputError, UsageError, nearest
+from thirdbody.system.terminal import print_line
 
 SCENES = "thirdbody_scenes"
 TEMPLATE, TEMPLATE_FILE = "thirdbody_template", "dmt_adhesion.py"
+
+
+def _completions(incomplete: str) -> list[str]:
+    return [name for name in questions() if name.startswith(incomplete)]
+
+
+def new(
+    path: Annotated[Path | None, typer.Argument(metavar="FILE", help="file to write [scene.toml, NAME.toml, my_law.py]")] = None,
+    source: Annotated[
+        str | None,
+        typer.Option("--from", metavar="NAME", help="copy this shipped scene and its files", autocompletion=_completions),
+    ] = None,
+    plugin: Annotated[bool, typer.Option("--plugin", help="write the template of a plug-in with a contact law")] = False,
+    listed: Annotated[bool, typer.Option("--list", help="list the shipped scenes and the question that each answers")] = False,
+    json: Annotated[bool, typer.Option("--json", help="print the list as JSON")] = False,
+) -> None:
+    """Write a small scene to start from, a copy of a shipped one, or a plug-in."""
+    if listed:
+        _list(json)
+        return
+    if json:
+        raise UsageError("--json: only with --list")
+    if source is not None and plugin:
+        raise UsageError("--from copies a scene and --plugin writes a plug-in: give one of them")
+    if plugin:
+        template = (_folder(TEMPLATE) / TEMPLATE_FILE).read_bytes()
+        written, then = write_new({path or Path("my_law.py"): template}), "laws --check"
+    elif source is not None:
+        name = source.removesuffix(".toml")
+        written = copy_scene(name, path or Path(f"{Path(name).name}.toml"))
+        is_sweep = "sweep" in _document(written[0])
+        then = "balance" if name.startswith("balance/") else "sweep --dry-run" if is_sweep else "check"
+    else:
+        from thirdbody.scene.keys import TEMPLATE as SCENE
+
+        written, then = write_new({path or Path("scene.toml"): SCENE.encode()}), "check"
+    print_line(f"{', '.join(map(str, written))} written; next: thirdbody {then} {written[0]}")
+
+
+def _list(json: bool) -> None:
+    result = questions()
+    if json:
+        from thirdbody.report.tables import print_json
+
+        print_json([{"name": name, "question": question} for name, question in result.items()])
+        return
+    width = max(map(len, result))
+    for name, question in result.items():
+        print_line(f"{name:<{width}}  {question}")
+    print("\nto start from one of them: thirdbody new my_scene.toml --from NAME")
 
 
 def questions() -> dict[str, str]:
     """Return the shipped scenes by name, each with the question in its first line; those in folders come last."""
     folder = _folder(SCENES)
     files = sorted(folder.glob("**/*.toml"), key=lambda file: (len(file.relative_to(folder).parts), file))
-    return {file.relative_to(folder).with_suffix("").as_posix(): _first_line(file) for file in files}
+    result = {}
+    for file in files:
+        with open(file, encoding="utf-8") as lines:
+            result[file.relative_to(folder).with_suffix("").as_posix()] = lines.readline().lstrip("# ").rstrip()
+    return result
 
 
 def copy_scene(name: str, path: Path) -> list[Path]:
@@ -26,7 +82,6 @@ def copy_scene(name: str, path: Path) -> list[Path]:
 
     Raises UsageError for an unknown name, and OutputError, with nothing written, where another file exists.
     """
-    name = name.removesuffix(".toml")
     if name not in questions():
         raise UsageError(f"--from {name}: no such scene, {nearest(name, questions())}")
     source = _folder(SCENES) / f"{name}.toml"
@@ -34,43 +89,26 @@ def copy_scene(name: str, path: Path) -> list[Path]:
     return write_new({path: source.read_bytes()} | named)
 
 
-def next_command(name: str) -> str:
-    """Return the command to start with, for a shipped file of this name."""
-    if name.startswith("balance/"):
-        return "balance"
-    document = tomllib.loads((_folder(SCENES) / f"{name}.toml").read_text(encoding="utf-8"))
-    return "sweep --dry-run" if "sweep" in document else "check"
-
-
-def copy_template(path: Path) -> list[Path]:
-    """Copy the plug-in template to `path`. Raises OutputError."""
-    return write_new({path: (_folder(TEMPLATE) / TEMPLATE_FILE).read_bytes()})
-
-
 def write_new(files: dict[Path, bytes]) -> list[Path]:
-    """Write files that must not exist yet, all or none; existing files with the same content may stay.
+    """Write files that must not exist yet, all or none; existing files with the same content may stay, but not the first.
 
     Returns the written paths. Raises OutputError.
     """
-    first = next(iter(files))
-    missing = {path: content for path, content in files.items() if not _is_there(path, content) or path == first}
+    first, *others = files
+    missing = [first, *(path for path in others if not (os.path.isfile(path) and path.read_bytes() == files[path]))]
     for path in missing:
         if os.path.lexists(path):
             raise OutputError(f"{path}: exists already")
     written: list[Path] = []
     try:
-        for path, content in missing.items():
-            write_whole(path, content)
+        for path in missing:
+            write_whole(path, files[path])
             written.append(path)
     except OSError as error:
         for done in written:
             done.unlink(missing_ok=True)
         raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
     return written
-
-
-def _is_there(path: Path, content: bytes) -> bool:
-    return os.path.isfile(path) and path.read_bytes() == content
 
 
 def _folder(package: str) -> Path:
@@ -82,22 +120,22 @@ def _folder(package: str) -> Path:
     raise MissingLibrary(f"{package} is not installed with this copy of thirdbody; install it again, such as by pip install .")
 
 
-def _first_line(file: Path) -> str:
-    with open(file, encoding="utf-8") as lines:
-        return lines.readline().lstrip("# ").rstrip()
+def _document(file: Path) -> dict[str, Any]:
+    import tomllib  # not at the start of every command
+
+    return tomllib.loads(file.read_text(encoding="utf-8"))
 
 
 def _named(source: Path) -> dict[str, Path]:
     """Return the files that a scene or a sweep names, and those that its scene names, by their names there."""
     files: dict[str, Path] = {}
-    for word in _words(tomllib.loads(source.read_text(encoding="utf-8"))):
+    for word in _words(_document(source)):
         if (file := source.parent / word).is_file():
             files |= {word: file} | (_named(file) if file.suffix == ".toml" else {})
     return files
 
 
 def _words(value: Any) -> Iterator[str]:
-    """Yield every text among the values of a document."""
     if isinstance(value, str):
         yield value
     for entry in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():

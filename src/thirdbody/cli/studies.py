@@ -6,11 +6,11 @@ from typing import Annotated
 
 import typer
 
-from thirdbody.cli.option_groups import Cluster, Json, Plugins, Quiet, Settings, Study, grouped
+from thirdbody.cli.option_groups import Cluster, Json, Plugins, Quiet, Settings, Study, grouped, override_pairs
+from thirdbody.errors import UsageError
 from thirdbody.system.terminal import print_line
 
-LONGEST = 30 * 86400.0
-"""Longest wall time of a study [s]."""
+LONGEST = 30 * 86400.0  # longest wall time of a study [s]
 
 
 @grouped
@@ -28,9 +28,7 @@ def cost(
 ) -> None:
     """Compare accuracy and run time of the laws, springs, time steps and integrators that a scene can use."""
     from thirdbody import units
-    from thirdbody.cli.overrides import override_pairs
-    from thirdbody.errors import UsageError
-    from thirdbody.plot.forecast_plot import FORMATS
+    from thirdbody.plot.figures import FORMATS, checked_path
     from thirdbody.studies.copies import StudySource
     from thirdbody.studies.cost_command import StudyOptions, cost_command
 
@@ -49,7 +47,7 @@ def cost(
         raise UsageError("--only: goes with --effects")
     if study.resume and study.effects:
         raise UsageError("--resume: goes with a study of accuracy, not with --effects")
-    picture = out if out is not None and out.suffix.lower() in FORMATS and not out.is_dir() else None
+    picture = checked_path(out) if out is not None and out.suffix.lower() in FORMATS and not out.is_dir() else None
     folder = out or Path("runs") / f"{scene.stem}_{'effects' if study.effects else 'cost'}"
     source = StudySource(scene, override_pairs(settings), folder, plugin or [])
     options = StudyOptions(study.repeats, study.effects, seconds, only, study.resume, picture)
@@ -97,8 +95,6 @@ def sweep(
     cluster: Cluster,
 ) -> None:
     """Run a scene at many points: a table of results, a folder per point; failed points are rows too."""
-    from thirdbody.cli.overrides import override_pairs
-    from thirdbody.errors import UsageError
     from thirdbody.studies.dask import dask_client
     from thirdbody.studies.sweep import Execution, SweepArguments, sweep_command
 

@@ -49,10 +49,9 @@ class RandomStreams:
 
     def diameters(self, size: SizeDistribution, count: int) -> list[float]:
         """Return a diameter [m] for each body: the first number of its stream. Raises InputError."""
-        from thirdbody.bodies.irregular_clumps import Streams, diameters
+        from thirdbody.bodies.irregular_clumps import diameters
 
-        streams = Streams([self.stream(k) for k in range(count)])
-        return diameters(streams, count, **size.parameters()).tolist()
+        return diameters([self.stream(k) for k in range(count)], **size.parameters()).tolist()
 
     def bodies_in_turn(self, shapes: list[Clump], count: int, size: SizeDistribution | None) -> list[Clump]:
         """Return bodies of these shapes, from the first again after the last, each rescaled to its own size if one is given."""

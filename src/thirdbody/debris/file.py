@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from thirdbody import units
 from thirdbody.debris.contract import PlacedClumps, Placement, PopulationContext, VolumeKeys
 from thirdbody.errors import Fault, InputError
 from thirdbody.schema.fields import AngularVelocity, Count, Seed, Text, Velocity
@@ -12,7 +11,7 @@ from thirdbody.schema.parts import Location, Wrong, entry
 from thirdbody.schema.sizes import Size
 
 if TYPE_CHECKING:
-    from thirdbody.bodies.clumps_from_table import Bodies
+    from thirdbody.bodies.body_tables import Bodies
 
 
 class File(VolumeKeys):
@@ -59,10 +58,10 @@ class File(VolumeKeys):
 
     def read(self, context: PopulationContext) -> Bodies:
         """Return the bodies of the table; warn of orientations and velocities that a placement does not use."""
-        from thirdbody.bodies.clumps_from_table import load_bodies
+        from thirdbody.bodies.body_tables import load_bodies
 
         try:
-            table = load_bodies(context.path(self.file), units.parse)
+            table = load_bodies(context.path(self.file))
         except InputError as error:
             raise InputError(Fault("file", str(fault)) for fault in error.faults) from None
         given = {

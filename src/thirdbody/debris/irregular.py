@@ -122,7 +122,7 @@ class Irregular(VolumeKeys):
         return self.spheres[1] + (self.asperities.count if self.asperities else 0)
 
     def clumps(self, random: RandomStreams) -> list[Clump]:
-        from thirdbody.bodies import asperities, irregular_clumps
+        from thirdbody.bodies import irregular_clumps
 
         thin = min(range(3), key=lambda axis: self.aspect[axis])
         if self.aspect[thin] < THINNEST:
@@ -131,7 +131,7 @@ class Irregular(VolumeKeys):
         summits, named = None, self.asperities
         if named is not None:
             relative = None if isinstance(named.radius, str) else named.radius
-            summits = asperities.Asperities(named.count, named.length, relative)
+            summits = irregular_clumps.Asperities(named.count, named.length, relative)
         shape = (self.spheres, self.aspect, self.angularity or 0.0, summits, self.shapes)
         return irregular_clumps.population(random.seed, random.population, self.count, *shape, **self.size.parameters())
 

@@ -134,7 +134,7 @@ def _closeness(shapes: list[MeshShape]) -> str:
     number = sorted({len(shape.clump.radii) for shape in shapes})
     spheres = " to ".join(str(n) for n in dict.fromkeys((number[0], number[-1])))
     rms = [100.0 * shape.fit.rms for shape in shapes]
-    ratios = [float(np.median(shape.fit.contacts.ratio)) for shape in shapes]
+    ratios = [float(np.median(shape.fit.contact_ratio)) for shape in shapes]
     worst = max(shapes, key=lambda shape: shape.fit.maximum)
     if len(shapes) == 1:
         return (

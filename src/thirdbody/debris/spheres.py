@@ -116,7 +116,8 @@ class Spheres(VolumeKeys):
     def bodies(self, context: PopulationContext) -> PlacedClumps:
         import numpy as np
 
-        from thirdbody.bodies.clump import clump_with_frame, quaternion_product, repeated_spheres
+        from thirdbody.bodies.clump import clump_with_frame, repeated_spheres
+        from thirdbody.rotations import quaternion_product
 
         balls = (self.shape or ()) if self.radius is None else (Ball(radius=self.radius),)
         centers, radii = np.array([ball.center for ball in balls], float), np.array([ball.radius for ball in balls])

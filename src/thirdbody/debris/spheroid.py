@@ -124,13 +124,11 @@ def corrugation(form: str, axial_ratio: float, spheres: int) -> Corrugation:
 def in_one_piece(form: str, axial_ratio: float, spheres: int) -> bool:
     """Return whether overlaps connect all spheres."""
     import numpy as np
+    from scipy.sparse.csgraph import connected_components
 
     centers, radii, _ = layout(form, axial_ratio, spheres)
     near = np.linalg.norm(centers[:, None] - centers, axis=-1) < radii[:, None] + radii
-    linked = near[0]
-    while (grown := near[linked].any(axis=0)).sum() > linked.sum():
-        linked = grown
-    return bool(linked.all())
+    return connected_components(near, directed=False, return_labels=False) == 1
 
 
 class Spheroid(PlacedDebris):

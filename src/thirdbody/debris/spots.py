@@ -135,13 +135,13 @@ class Spots(DebrisKind):
     def bodies(self, context: PopulationContext) -> PlacedClumps:
         import numpy as np
 
-        from thirdbody.bodies.spots import rows, spot_body
+        from thirdbody.bodies.clump import positions_in_rows, spot_body
 
         summits = np.array([(spot.x, spot.y, spot.z) for spot in self.spots])
         radii = np.array([spot.radius for spot in self.spots])
         upper = np.array([spot.side == "upper" for spot in self.spots])
         body = spot_body(summits, radii, upper, self.mass, self.inertia, context.density)
-        locations = rows(self.count, context.domain) if self.positions is None else np.array(self.positions, float)
+        locations = positions_in_rows(self.count, context.domain) if self.positions is None else np.array(self.positions, float)
         height = CLEARANCE * self.height() - min(spot.z for spot in self.spots)
         return PlacedClumps([body] * self.count, positions=np.column_stack((locations, np.full(self.count, height))))
 

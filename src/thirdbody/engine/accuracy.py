@@ -10,8 +10,7 @@ from thirdbody.kernels.implicit.control import CAUSES, OF_A_BODY, WORDS
 from thirdbody.kernels.step_tables import step_memory, step_settings
 from thirdbody.kernels.tables import body, body_extra, patch, run_totals
 
-SHORTEST = 1e-6
-"""Length of the shortest trial step, in Rayleigh times."""
+SHORTEST = 1e-6  # length of the shortest trial step, in Rayleigh times
 
 WORK = 4.0
 """Tolerance of the friction work of a body in a step over `tolerance`, relative to its scale of energy (`books`). Of 20

@@ -20,11 +20,8 @@ from thirdbody.kernels.tables import DEBRIS, LOWER, UPPER, contact_state, record
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Numbers = NDArray[np.int32]
-"""Indices of candidates and spheres; 32 bits halve the memory traffic of the step loop."""
-
-SPARE = 1.1
-"""Room in the rows of a batch over their number when they were allocated: few batches need new ones later."""
+Numbers = NDArray[np.int32]  # indices of candidates and spheres; 32 bits halve the memory traffic of the step loop
+SPARE = 1.1  # room in the rows of a batch over their number when they were allocated: few batches need new ones later
 
 EXPECTED = 4.0
 """Closed contacts of a body, to estimate the memory of a run before its first step: 3.1 to 3.9 were counted in clumps of 4 to 8
@@ -178,7 +175,7 @@ class Candidates:
 
     @property
     def sides(self) -> Ints:
-        """Partner (n,) of each candidate: LOWER, UPPER or DEBRIS (`columns.sides`)."""
+        """Partner (n,) of each candidate: LOWER, UPPER or DEBRIS (`kernels.tables`)."""
         return sides_of(self.partner)
 
     @property
@@ -203,7 +200,7 @@ class Candidates:
 
 
 def sides_of(partner: Numbers) -> Ints:
-    """Return LOWER, UPPER or DEBRIS (`columns.sides`) for each partner code (`kernels.plates`)."""
+    """Return LOWER, UPPER or DEBRIS (`kernels.tables`) for each partner code (`kernels.plates`)."""
     return np.where(partner >= 0, DEBRIS, np.where(partner < -BASINS, UPPER, LOWER))
 
 

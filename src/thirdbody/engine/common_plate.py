@@ -26,15 +26,13 @@ from thirdbody.kernels.implicit.residual import MAX_ROTATION
 from thirdbody.kernels.step_tables import body_solution, step_memory, step_settings
 from thirdbody.kernels.tables import LOWER, contact_state, patch, record, run_totals
 
-FEWEST = 8
-"""Fewest bodies of a piece of the work; small enough to spread a few bodies over all cores."""
+FEWEST = 8  # fewest bodies of a piece of the work; small enough to spread a few bodies over all cores
 
 CONVERGED, ROUNDS = 1e-8, 30
 """Tolerance of the residual force on the plate over its load and the bodies' forces; maximum corrections of its rise."""
 
 
-Step = tuple[float, float, float]
-"""Step of the plate: rise [m]; velocity [m/s] and acceleration [m/s2] at its end."""
+Step = tuple[float, float, float]  # step of the plate: rise [m]; velocity [m/s] and acceleration [m/s2] at its end
 
 
 class CommonPlate:
@@ -178,25 +176,25 @@ class CommonPlate:
     def _accept(self, dt: float, step: Step, load: float, velocity: tuple[float, float]) -> None:
         """Move the plate, and book its energy; `load`: load [N] at the start of the step."""
         one = self.integrator
-        T, row, (path, velocity_after, acceleration) = self.memory, one.state.P[-1], step
+        T, row, (displacement, velocity_after, acceleration) = self.memory, one.state.P[-1], step
         before = float(row[patch.VELOCITY])
         old = 0.5 if T[step_memory.LAST_DT] > 0.0 else 0.0
         carried = (1.0 - old) * float(row[patch.LOAD]) + old * load
-        mass, work = float(row[patch.MASS]), -carried * path
+        mass, work = float(row[patch.MASS]), -carried * displacement
         kinetic = 0.5 * mass * (velocity_after**2 - before**2) * float(one.accuracy.inertia)
         self.totals[run_totals.PLATE_WORK] += work
         self.totals[run_totals.PLATE_WORK_SIZE] += abs(work)
-        dashpot_work = float(row[patch.DAMPING]) * path**2 / dt
+        dashpot_work = float(row[patch.DAMPING]) * displacement**2 / dt
         self.totals[run_totals.DAMPING_WORK] += dashpot_work
-        lost = float(row[patch.DAMPING]) * velocity_after * path - dashpot_work
-        lost += (float(row[patch.LOAD]) - carried) * path
-        self.totals[run_totals.NUMERICAL_LOSS] += mass * acceleration * path - kinetic + lost
-        T[step_memory.LAST_COORDINATES + 6], T[step_memory.LAST_DRISE] = path, velocity_after - before
+        lost = float(row[patch.DAMPING]) * velocity_after * displacement - dashpot_work
+        lost += (float(row[patch.LOAD]) - carried) * displacement
+        self.totals[run_totals.NUMERICAL_LOSS] += mass * acceleration * displacement - kinetic + lost
+        T[step_memory.LAST_COORDINATES + 6], T[step_memory.LAST_DRISE] = displacement, velocity_after - before
         T[step_memory.LAST_DT] = dt
-        row[patch.HEIGHT] += path
+        row[patch.HEIGHT] += displacement
         row[patch.VELOCITY] = velocity_after
         if row[patch.DIRECT_PREFACTOR] > 0.0:
             kernel.book_direct(self.totals, one.state.P, dt, *velocity, old)
             # the force at the end of the step acts all along
-            first, last = direct_reaction(row, -path)[0], direct_reaction(row, 0.0)[0]
-            self.totals[run_totals.NUMERICAL_LOSS] += (first - last) * float(row[patch.DIRECT_LENGTH]) - last * path
+            first, last = direct_reaction(row, -displacement)[0], direct_reaction(row, 0.0)[0]
+            self.totals[run_totals.NUMERICAL_LOSS] += (first - last) * float(row[patch.DIRECT_LENGTH]) - last * displacement

@@ -2,34 +2,35 @@
 
 import math
 import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from thirdbody.engine.candidates import AllRows, Numbers
+from thirdbody.engine import state as states
+from thirdbody.engine.candidates import AllRows, Candidates, Numbers
 from thirdbody.engine.guards import name_of, partner_of, set_guards
 from thirdbody.engine.measures import labels, update_measures
 from thirdbody.engine.neighbours import force_rows, plate_pairs, remote_rows, search
-from thirdbody.engine.state import SUMMED, Action, Array, State, constant_arguments, refresh_spheres, table, table_arguments
-from thirdbody.engine.time_step import Bound, bound
+from thirdbody.engine.state import SUMMED, Action, Array, Ints, State, constant_arguments, refresh_spheres, table, table_arguments
 from thirdbody.errors import GuardStop
 from thirdbody.jit.arguments import Packer, address
-from thirdbody.jit.threads import allowed_threads, helpers, words_of
+from thirdbody.jit.threads import ThreadTuner, allowed_threads, distribute, helpers, pieces_of, words_of
 from thirdbody.kernels import bodies as body_pass
 from thirdbody.kernels.arguments import KINDS, WORK, Context
 from thirdbody.kernels.explicit import contact_forces as contact_pass
-from thirdbody.kernels.explicit import step_loop
+from thirdbody.kernels.explicit import critical_time_step, step_loop
 from thirdbody.kernels.explicit.passes import work
 from thirdbody.kernels.minima import UPDATE, update
 from thirdbody.kernels.step_tables import body_force, chunk_motion, contact_sums, drift_scratch
-from thirdbody.kernels.tables import domain, loaded_contact, run_totals, sphere
+from thirdbody.kernels.tables import domain, loaded_contact, patch, run_totals, sphere
 from thirdbody.laws.contract import Material
 
 BUDGET = 64
 """Steps between two updates of the time step, counted from the start of the run, so that outputs do not shift them."""
 
-CALL = 1.0
-"""Largest wall time [s] of a compiled call: signals are handled only between calls."""
+CALL = 1.0  # largest wall time [s] of a compiled call: signals are handled only between calls
 
 GROWTH, PATIENCE = 1.25, 16
 """The automatic step follows its bound down at once. It grows at once to a bound that is larger by GROWTH, and to a smaller one
@@ -259,46 +260,104 @@ class Explicit:
         )
 
 
-STARVED = 0.6
-"""CPU time of all threads over wall time below which they mostly wait for a core; two threads on two cores reach 1.5 or more."""
+# -- the time step: bounded by the present contact stiffness and a fraction of the Rayleigh time --
 
-MIN_MEASUREMENT = 0.02
-"""Shortest wall time [s] of a measurement."""
+STABILITY_FRACTION = 0.2
+"""Time step over 2/omega: the frequency error of velocity Verlet is then (omega dt)^2/24 = 0.7 %.
+Halving it changes the friction curve of the main scene by less than 1e-5 and doubles its time."""
 
-SHORT = 1e-3
-"""Wall time of a step [s] above which more threads are always faster: a single thread is not tried."""
+DAMPING_FRACTION = 0.7
+"""Time step over the longest stable step with damping. It is decisive where the dashpots of many contacts, each scaled for its
+contact, add up on one body. Such a mode is overdamped: an oscillation at the step itself loses 40 % in each step, so a margin to
+the limit is enough."""
 
-PAUSE, LONGEST = 0.5, 8.0
-"""Time [s] on one thread before all are tried again, doubled after each failed trial up to the longest; a single thread is tried
-again after the longest, too."""
+FEWEST = 4096  # candidates, or bodies, that one thread alone examines as fast as two: some 0.2 ms
 
 
-class ThreadTuner:
-    """Chooses the number of threads of the step loop from the timings of its calls."""
+@dataclass(frozen=True)
+class Bound:
+    """Time step [s] and what limits it.
 
-    def __init__(self) -> None:
-        self.until, self.pause = 0.0, PAUSE
-        self.alone, self.tried = math.inf, -math.inf  # last trial of one thread: time per step [s], instant [s]
-        self.used, self.steps, self.wall, self.busy = 0, 0, 0.0, 0.0  # present measurement: threads, steps, times
+    `mechanism`: rayleigh, translation, rotation, damping or patch; `body`: number of the limiting body in the scene.
+    """
 
-    def threads(self, allowed: int, now: float) -> int:
-        """Return the number of threads to use at the instant `now` [s], at most `allowed`."""
-        return 1 if now < self.until else allowed
+    step: float
+    mechanism: str
+    body: int
+    stability: float  # longest stable step [s]; infinite without contacts
+    rayleigh: float  # Rayleigh time [s]
 
-    def note(self, threads: int, steps: int, wall: float, busy: float, now: float) -> None:
-        """Record a call that ended at `now` [s]: number of threads and steps, wall time and CPU time [s]."""
-        if threads != self.used:
-            self.used, self.steps, self.wall, self.busy = threads, 0, 0.0, 0.0
-        self.steps, self.wall, self.busy = self.steps + steps, self.wall + wall, self.busy + busy
-        if self.wall < MIN_MEASUREMENT:
-            return
-        step, starved = self.wall / max(self.steps, 1), self.busy < STARVED * self.wall
-        self.steps, self.wall, self.busy = 0, 0.0, 0.0
-        if threads == 1:
-            self.alone, self.tried = step, now
-        elif starved or step > self.alone:
-            self.until, self.pause = now + self.pause, min(2.0 * self.pause, LONGEST)
-        else:
-            self.pause = PAUSE
-            if step < SHORT and now - self.tried > LONGEST:
-                self.until = now + MIN_MEASUREMENT
+
+def bound(state: State, materials: list[Material], steps: int, max_overlap: float, candidates: Candidates | None = None) -> Bound:
+    """Return the bound of the time step for the next `steps` steps, for overlaps up to `max_overlap` radii.
+
+    `candidates`: contacts that are or may come; None: those of the last search.
+    """
+    times = states.rayleigh_times(state, materials)
+    slowest = int(np.argmin(times))
+    rayleigh = float(times[slowest])
+    best = Bound(states.RAYLEIGH_FRACTION * rayleigh, "rayleigh", int(state.order[slowest]), math.inf, rayleigh)
+    if state.physics.stiffness is None:
+        return best
+    numbers, bodies, patches = _contact_bounds(state, steps * (state.dt or best.step), max_overlap, candidates)
+    of_bodies, of_patches = _steps(bodies), _steps(patches)
+    body, patch = int(np.argmin(of_bodies)), int(np.argmin(of_patches))
+    limit = float(min(bodies[:, 3].min(), patches[:, 3].min()))
+    step = float(min(of_bodies[body], of_patches[patch]))
+    if step >= best.step:
+        return replace(best, stability=limit)
+    if of_patches[patch] < of_bodies[body]:
+        return Bound(step, "patch", int(state.order[np.argmax(state.patch == patch)]), limit, rayleigh)
+    along, around, by_frequency, _ = bodies[body]
+    damped = of_bodies[body] < STABILITY_FRACTION * by_frequency
+    mechanism = "damping" if damped else "rotation" if around > along else "translation"
+    return Bound(step, mechanism, int(state.order[numbers[body]]), limit, rayleigh)
+
+
+def _contact_bounds(
+    state: State, horizon: float, max_overlap: float, candidates: Candidates | None = None
+) -> tuple[Ints, Array, Array]:
+    """Return candidates for the shortest step: bodies, their bounds (n, 4), bounds of patches (m, 4)."""
+    slots, physics = candidates or state.slots, state.physics
+    context = critical_time_step.Assembly(  # type: ignore[call-arg]
+        slots.n_plates, slots.own, slots.partner, slots.kind, slots.edges, slots.incidence, state.body, state.S, state.B,
+        state.E, state.orientations, _pressed(state, horizon), slots.Q, state.D, physics.pairs,
+    )  # fmt: skip
+    drag = float(state.A[run_totals.PLATE_SPEED]) * state.A[run_totals.HEADING2]
+    tables = critical_time_step.make_tables(state.n_bodies, slots.count, len(state.P))
+    ahead = critical_time_step.Horizon(horizon, max_overlap, float(drag[0]), float(drag[1]))
+    # contacts with plates in one piece: those of a patch are summed in their order
+    flat, pairs = [(0, slots.n_plates)], pieces_of(slots.n_plates, slots.count, FEWEST)
+    longest = max(last - first for first, last in flat + pairs)
+
+    def stiffness_worker() -> Callable[[tuple[int, int]], None]:
+        scratch, given = critical_time_step.make_scratch(longest), (context, ahead, physics.stiffness_at)
+        return lambda piece: critical_time_step.find_stiffnesses(*piece, *given, scratch, tables)
+
+    def bound_worker() -> Callable[[tuple[int, int]], None]:
+        near = np.empty(slots.max_per_body + 1, np.int32)
+        return lambda piece: critical_time_step.bound_bodies(*piece, context, near, tables)
+
+    distribute(flat, stiffness_worker)
+    distribute(pairs, stiffness_worker)
+    many = state.n_bodies if slots.count else 0
+    distribute(pieces_of(0, many, FEWEST), bound_worker)
+    near = np.empty(slots.max_per_body + 1, np.int32)
+    result = critical_time_step.shortest_steps(many, context, ahead.time, near, tables)
+    return tables.number[:result], tables.bodies[:result], tables.patches
+
+
+def _pressed(state: State, horizon: float) -> Array:
+    """Return the patches under their largest load until the next bound (1.5 horizons, as steps may grow)."""
+    upper = state.world.upper
+    if upper is None or not upper.schedule.load:
+        return state.P
+    P = state.P.copy()
+    largest = upper.schedule.largest_load(state.time, state.time + 1.5 * horizon)
+    P[:, patch.LOAD] = np.maximum(P[:, patch.LOAD], largest * P[:, patch.NOMINAL_LOAD])
+    return P
+
+
+def _steps(result: Array) -> Array:
+    """Return the time steps [s] from the stable steps without (column 2) and with damping (column 3)."""
+    return np.minimum(STABILITY_FRACTION * result[:, 2], DAMPING_FRACTION * result[:, 3])

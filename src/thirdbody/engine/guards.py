@@ -90,8 +90,7 @@ class Ledger:
         return abs(residual) / scale if scale > 0.0 else 0.0
 
 
-OVERLAP_GUARD = 0.3
-"""Largest overlap over the smaller radius: beyond it Hertz' theory and the clump's shape are invalid."""
+OVERLAP_GUARD = 0.3  # largest overlap over the smaller radius: beyond it Hertz' theory and the clump's shape are invalid
 
 TRAVEL_GUARD = 0.25
 """Largest displacement of a body in one step over the radius of its first sphere: beyond it contacts can be missed."""

@@ -42,15 +42,13 @@ CALL, PACE, FEW = 1.0, 1e4, 8.0
 """Target wall time [s] of a compiled call, since a stop is handled only after it; trial steps per second assumed before they are
 measured; minimum trial steps of each body in a call."""
 
-FIRST = 0.1
-"""Length of the first step, in Rayleigh times."""
+FIRST = 0.1  # length of the first step, in Rayleigh times
 
 ENERGY_FRACTION = 0.1
 """Lower bound of the energy that the springs of a body can store, over load times overlap: half of that at friction 0.3. It
 scales errors of the friction work while the load is still being applied."""
 
-UNLOADED = 0.01
-"""Assumed radius of the largest contact until a body is loaded, in radii of its smallest sphere."""
+UNLOADED = 0.01  # assumed radius of the largest contact until a body is loaded, in radii of its smallest sphere
 
 
 class Implicit:
@@ -296,9 +294,8 @@ class Implicit:
         inertia = "" if self.accuracy.inertia else "solver.inertia = true, or "
         raise GuardStop(
             f"stopped at t = {when:.6g} s: the integrator has created energy: {100.0 * fraction:.0f} % of all that was exchanged "
-            f"(guard: {100.0 * CREATED_ENERGY_GUARD:g} %), by {who}; {inertia}a smaller solver.tolerance or "
-            f"solver.largest_step is needed, "
-            "or a contact law that creates no energy (thirdbody laws --check)"
+            f"(guard: {100.0 * CREATED_ENERGY_GUARD:g} %), by {who}; {inertia}a smaller solver.tolerance or solver.largest_step "
+            "is needed, or a contact law that creates no energy (thirdbody laws --check)"
         )
 
     def summary(self) -> dict[str, Any]:

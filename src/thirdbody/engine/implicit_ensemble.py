@@ -24,8 +24,7 @@ from thirdbody.kernels.implicit.workspace import ADVANCE
 from thirdbody.kernels.memory import ClosedContacts
 from thirdbody.kernels.tables import sphere
 
-BATCHES = 16
-"""Batches of a thread in a call: at its end others wait for half a batch on average."""
+BATCHES = 16  # batches of a thread in a call: at its end others wait for half a batch on average
 
 
 def is_ensemble(state: State) -> bool:

@@ -33,10 +33,6 @@ STATE, SLOTS = ("B", "E", "orientations", "S", "P", "M"), ("Q", "H", "R")
 COUNTS = ("searches", "largest_island", "in_islands", "repeated")
 """What is counted: searches, bodies of the largest island, sum over searches of bodies in islands, islands advanced again."""
 
-TOGETHER_ADVICE = "in a bed of several layers with solver.inertial_number, which tells the speed that is slow enough"
-PATCHES_ADVICE = 'at a higher speed, or on_failure = "continue", to go on all the same'
-"""What else a scene can do, where all bodies carry one plate and where each has a patch."""
-
 
 class Meeting:
     """Search for islands of an `Implicit`, which builds on this module, and return to the start of a stride."""
@@ -127,7 +123,9 @@ class Meeting:
         largest = int(one.islands.sizes.max())
         self._recent[1] = max(self._recent[1], largest if largest > 1 else 0)
         if largest > LARGEST and not one.accuracy.skip_unsolved:
-            advice = TOGETHER_ADVICE if one.together else PATCHES_ADVICE
+            advice = "in a bed of several layers with solver.inertial_number, which tells the speed that is slow enough"
+            if not one.together:
+                advice = 'at a higher speed, or on_failure = "continue", to go on all the same'
             raise GuardStop(
                 f"stopped at t = {one.state.time:.6g} s: {largest} bodies could meet within the next "
                 f"{one.stride:.2g} m of sliding, and the implicit integrator solves them together: more than {LARGEST} "

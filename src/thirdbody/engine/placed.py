@@ -50,16 +50,13 @@ class Placed:
         )  # fmt: skip
 
     def sides(self) -> Ints:
-        """Return which plates and debris each sphere can touch (`columns.sides`)."""
+        """Return which plates and debris each sphere can touch (`kernels.tables`)."""
         given = [np.zeros(len(c.radii), np.int64) if c.sides is None else c.sides for c in self.clumps]
         return np.concatenate(given)
 
 
-FEWEST = BODIES * GROUP
-"""Number of bodies up to which all form one group and keep their order."""
-
-WIDTH = 1.25
-"""Width of a column of the grid over the mean diameter of the bodies."""
+FEWEST = BODIES * GROUP  # number of bodies up to which all form one group and keep their order
+WIDTH = 1.25  # width of a column of the grid over the mean diameter of the bodies
 
 
 def in_columns(positions: Array, diameter: float) -> Ints:

@@ -24,11 +24,8 @@ if TYPE_CHECKING:
 FIXED = ("S", "B", "E", "orientations", "P", "A", "M", "X0")
 """Tables of a state whose shape follows from the scene; without S where it is the same array as B, or not kept."""
 
-SLOTS = ("own", "partner", "Q", "H", "R")
-"""Arrays that define the candidates: pairs, closest points, histories and records."""
-
-CLOSED = "slots_closed"
-"""Numbers of the closed candidates, where only these have histories and records; without it all have."""
+SLOTS = ("own", "partner", "Q", "H", "R")  # arrays that define the candidates: pairs, closest points, histories and records
+CLOSED = "slots_closed"  # numbers of the closed candidates, where only these have histories and records; without it all have
 
 
 @dataclass

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -22,15 +22,13 @@ from thirdbody.kernels.labels import observe_bodies
 from thirdbody.kernels.rolling_kinematics import MOMENTS, record_width
 from thirdbody.kernels.table import Rows
 from thirdbody.kernels.tables import body, body_extra, contact_state, domain, orientation, patch, run_totals, search_pose, sphere
+from thirdbody.laws.compose import Chain
 from thirdbody.laws.contract import Material
 from thirdbody.laws.measures import Layout
 from thirdbody.rotations import to_body, to_world
 
-Action = Callable[[], None]
-"""What an integrator calls between steps: it may read the state, save it, or raise."""
-
-FLAT = np.zeros(0)
-"""Heights of a flat plate."""
+Action = Callable[[], None]  # what an integrator calls between steps: it may read the state, save it, or raise
+FLAT = np.zeros(0)  # heights of a flat plate
 
 RAYLEIGH_FRACTION = 0.2
 """Time step over Rayleigh time; a Hertz collision at 1 m/s then takes some 30 steps (0.1 to 0.3 is usual in DEM)."""
@@ -96,24 +94,9 @@ class Measures:
 
 
 @dataclass(frozen=True)
-class Physics:
-    """Compiled laws and effects with their parameters. `kinds[a, b]`: row of `pairs` for two materials, -1 if none.
+class Physics(Chain):
+    """Compiled laws and effects with their parameters. `kinds[a, b]`: row of `pairs` for two materials, -1 if none."""
 
-    `rolling`: see `kernels.rolling_kinematics`; `field`, `force_columns`, `stored`, `dashpots`, `loss_column`, `loss` ("": none),
-    `jumps`: `Chain`.
-    """
-
-    law: Callable
-    stiffness: Callable | None
-    history: tuple[str, ...]
-    field: tuple[int, int]
-    rolling: int
-    force_columns: tuple[int, int, int]
-    stored: int
-    dashpots: int
-    loss_column: int
-    loss: str
-    jumps: bool
     pairs: Array
     interaction: Array
     kinds: Ints
@@ -146,7 +129,7 @@ class State:
     """Tables at one synchronised instant; columns are declared in `kernels.tables`.
 
     S may be the same array as B; where it is not kept, it is made anew for each reader from `radii`. `side`
-    (n_spheres,): what a sphere can touch (`columns.sides`). `order` (n_bodies,): number of each body in the scene and in all
+    (n_spheres,): what a sphere can touch (`kernels.tables`). `order` (n_bodies,): number of each body in the scene and in all
     outputs. `summed`: the integrator sums the elastic energies; otherwise they come from the records. `inertial`: bodies and
     patches have inertia, thus kinetic energy. W, `maps`: what measures have collected (`engine.measures`).
     """
@@ -320,7 +303,7 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
     return state
 
 
-def rayleigh_times(state: State, materials: list[Material]) -> Array:
+def rayleigh_times(state: State, materials: Sequence[Material]) -> Array:
     """Return the times (n_bodies,) [s] of a Rayleigh wave around spheres with the volumes of the bodies.
 
     pi R sqrt(rho/G)/(0.1631 nu + 0.8766)

@@ -37,8 +37,7 @@ UNITS: dict[str, tuple[str, ...]] = {
 """Units of compilation, the longest first: modules of `kernels` with all their entries, or single ones. Named, not imported: a
 process imports what it compiles."""
 
-EXPLICIT = ("passes", "step", "stability", "search", "labels")
-"""Units of the explicit integrator, the longest first."""
+EXPLICIT = ("passes", "step", "stability", "search", "labels")  # units of the explicit integrator, the longest first
 
 COLD_UNITS, COLD = tuple(name for name in UNITS if name != "passes"), 1
 """Units that are compiled, like laws, at this optimisation level of LLVM: 0.7 to 0.8 of the compile time, same bits."""
@@ -46,22 +45,16 @@ COLD_UNITS, COLD = tuple(name for name in UNITS if name != "passes"), 1
 SECONDS, FEWER = {"common_plate": 24, "driver": 20, "passes": 18, "step": 10}, 6
 """Processor time [s] of one core of 2.5 GHz, roughly, for the long units, with their laws, and at most for each other one."""
 
-MARK = "compiled-"
-"""Beginning of the names of files in the cache folder that mark a unit whose compiled code is complete."""
-
-PATIENCE = 300.0
-"""Time [s] to wait for the child processes; the main process compiles what they have not finished."""
-
-PROCESSES = 4
-"""Maximum number of processes: the longest unit takes longer to compile than a quarter of the rest."""
+MARK = "compiled-"  # beginning of the names of files in the cache folder that mark a unit whose compiled code is complete
+PATIENCE = 300.0  # time [s] to wait for the child processes; the main process compiles what they have not finished
+PROCESSES = 4  # maximum number of processes: the longest unit takes longer to compile than a quarter of the rest
 
 _begun: tuple[tuple[str, ...], int, list[subprocess.Popen[bytes]]] | None = None
 """Units that are being compiled, their queue, the child processes."""
 
 _reported = False
 
-_usual: Any = None
-"""numba's default level while `COLD` is set."""
+_usual: Any = None  # numba's default level while `COLD` is set
 
 
 def entries(unit: str) -> Iterator[Any]:

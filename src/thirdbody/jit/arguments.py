@@ -17,11 +17,8 @@ from numba.core.typing.templates import AttributeTemplate, infer_getattr
 from numba.extending import intrinsic, lower_builtin, lower_getattr_generic, models, register_model, type_callable
 from numba.np.numpy_support import as_dtype
 
-Kinds = dict[str, Any]
-"""Numba's types of the packed arguments, by name: contiguous arrays, and int64."""
-
-PACKED = types.Array(types.int64, 1, "C")
-"""Numba's type of packed arguments."""
+Kinds = dict[str, Any]  # numba's types of the packed arguments, by name: contiguous arrays, and int64
+PACKED = types.Array(types.int64, 1, "C")  # numba's type of packed arguments
 
 _LONG = ir.IntType(64)
 _intrinsic: Any = intrinsic  # its annotations count the typing context as an argument

@@ -28,8 +28,7 @@ from typing import Any
 
 from thirdbody.errors import OutputError
 
-VARIABLE = "THIRDBODY_CACHE"
-"""The environment variable that names the parent of the cache folders; its content is trusted."""
+VARIABLE = "THIRDBODY_CACHE"  # the environment variable that names the parent of the cache folders; its content is trusted
 
 MAX_VERSIONS = 4
 """Number of folders of earlier versions to keep, so that switching between two checkouts does not recompile each time."""
@@ -39,60 +38,52 @@ TAG = "CACHEDIR.TAG"
 
 TAG_TEXT = b"Signature: 8a477f597d28d172789f06886806bc55\n# This file is a cache directory tag created by thirdbody.\n"
 
-LAYERS = ("jit", "kernels", "laws", "bodies", "engine", "statics")
-"""Packages whose sources name the folder."""
+LAYERS = ("jit", "kernels", "laws", "bodies", "engine", "statics")  # packages whose sources name the folder
 
 SIZE = hashlib.sha256().digest_size
 
-note = ""
-"""Message for the user about the folder, shown when code is compiled into it."""
+note = ""  # message for the user about the folder, shown when code is compiled into it
 
-_cached_folder: Path | None = None
-_folder: Path | None = None
 _frozen: set[str] = set()
 
 
+@functools.cache
 def cache_folder() -> Path:
     """Return the cache folder, created if needed; `THIRDBODY_CACHE` overrides its parent.
 
     Raises OutputError if it cannot be created, or if another user could have written its content.
     """
-    global _cached_folder
-    if _cached_folder is None:
-        parent, digest = _parent(), hashlib.sha256(f"{version('numba')} {sys.version}".encode())
-        for layer in LAYERS:
-            for file in sorted((Path(__file__).parents[1] / layer).rglob("*.py")):
-                digest.update(file.read_bytes())
-        path = parent / digest.hexdigest()[:16]
-        try:
-            _make_private(path)
-            if not _is_ours(path):
-                tag = path / TAG
-                if tag.is_dir() and not tag.is_symlink():
-                    shutil.rmtree(tag)
-                tag.unlink(missing_ok=True)
-                tag.write_bytes(TAG_TEXT)
-            os.utime(path)  # the last one used
-            with suppress(PermissionError):  # a folder that may not be listed is not pruned
-                _prune(parent)
-        except OSError as error:
-            raise cannot_write(path, error) from error
-        _cached_folder = path
-    return _cached_folder
+    parent, digest = _parent(), hashlib.sha256(f"{version('numba')} {sys.version}".encode())
+    for layer in LAYERS:
+        for file in sorted((Path(__file__).parents[1] / layer).rglob("*.py")):
+            digest.update(file.read_bytes())
+    path = parent / digest.hexdigest()[:16]
+    try:
+        _make_private(path)
+        if not _is_ours(path):
+            tag = path / TAG
+            if tag.is_dir() and not tag.is_symlink():
+                shutil.rmtree(tag)
+            tag.unlink(missing_ok=True)
+            tag.write_bytes(TAG_TEXT)
+        os.utime(path)  # the last one used
+        with suppress(PermissionError):  # a folder that may not be listed is not pruned
+            _prune(parent)
+    except OSError as error:
+        raise cannot_write(path, error) from error
+    return path
 
 
+@functools.cache
 def folder() -> Path:
     """Return the cache folder, set as numba's, with checked files. Raises OutputError as `cache_folder` does."""
-    global _folder
-    if _folder is None:
-        result = cache_folder()
-        with paused("numba"):
-            import numba
+    result = cache_folder()
+    with paused("numba"):
+        import numba
 
-        numba.config.CACHE_DIR = str(result)  # type: ignore[attr-defined]
-        _check_files()
-        _folder = result  # last: another thread that reads it relies on numba's setting
-    return _folder
+    numba.config.CACHE_DIR = str(result)  # type: ignore[attr-defined]
+    _check_files()
+    return result
 
 
 def cannot_write(path: Path, error: OSError) -> OutputError:

@@ -22,8 +22,7 @@ PURE = (_i.InsertValue, _i.ExtractValue, _i.LoadInstr, _i.GEPInstr, _i.CastInstr
 ARITHMETIC = {"add", "sub", "mul", "sdiv", "and", "or", "xor"}
 """Instructions that are dropped where their result is not used: of these classes, and plain ones of these names."""
 
-_silent: set[str] = set()
-"""Names of functions compiled here that return no error."""
+_silent: set[str] = set()  # names of functions compiled here that return no error
 
 
 class _Builder(llvm.IRBuilder):  # type: ignore[misc]

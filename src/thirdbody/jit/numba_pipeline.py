@@ -19,8 +19,7 @@ from numba.core.typing import signature
 
 from thirdbody.jit.numba_lowering import ShortLowering, plain_extreme
 
-TESTED = ("0.67.", "0.68.")
-"""Prefixes of the versions of numba whose internals are known."""
+TESTED = ("0.67.", "0.68.")  # prefixes of the versions of numba whose internals are known
 
 PASSES = (
     "TranslateByteCode", "FixupArgs", "IRProcessing", "NumbersOfModules", "RewriteSemanticConstants", "DeadBranchPrune",

@@ -22,8 +22,7 @@ OPTIONS: dict[str, Any] = {"error_model": "numpy", "cache": True} | pipeline_opt
 OTHERS: dict[str, Any] = {"error_model": "numpy", "cache": True} | pipeline_options(Whole)
 """Functions of laws and plug-ins that Python calls."""
 
-DIRECT: dict[str, Any] = OPTIONS | {"no_cfunc_wrapper": True}
-"""Kernels that only Python calls."""
+DIRECT: dict[str, Any] = OPTIONS | {"no_cfunc_wrapper": True}  # kernels that only Python calls
 
 POINTED: dict[str, Any] = OPTIONS | {"no_cpython_wrapper": True}
 """Kernels that are only passed as pointers: they need no wrapper for Python."""

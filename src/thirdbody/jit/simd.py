@@ -22,8 +22,7 @@ AHEAD = 16
 """Distance of a prefetch, in rows: some 0.5 us ahead. In tables larger than the cache this reduces a step by a fifth; 8 and 32
 are as good."""
 
-LINE = 8
-"""Numbers in a cache line of the processor."""
+LINE = 8  # numbers in a cache line of the processor
 
 
 VECTOR = LINE if "+avx512f" in cpu_target.target_context.codegen().magic_tuple()[2] else LANES

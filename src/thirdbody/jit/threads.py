@@ -40,23 +40,12 @@ PIECES, FEWEST, WORTH = 8, 8, 64.0
 """Pieces per thread, so that none waits long for the last one; fewest bodies of a piece, which begins and ends in some 10 us, and
 fewest trial steps, of 5 us each: threads start in 0.1 ms."""
 
-WAITING = 1024
-"""Most threads that wait for work; as many are started as work at the same time."""
-
-LINE = 8
-"""Words of a cache line: members must not write to the same one."""
-
-DONE, DISMISSED = 0, LINE
-"""Words of a team: how many parts of the pass are done; 1: no pass will follow."""
-
-FIRST = 2 * LINE
-"""Word of the first member: how many of its own parts are taken. Those of the next ones follow, a line each."""
-
-CLOSED = 1 << 40
-"""Such a number before the first pass is opened: more than there are parts."""
-
-SPINS = 2000
-"""Attempts before a waiting thread sleeps: some 50 us. Where every core has a thread, hardly one waits longer."""
+WAITING = 1024  # most threads that wait for work; as many are started as work at the same time
+LINE = 8  # words of a cache line: members must not write to the same one
+DONE, DISMISSED = 0, LINE  # words of a team: how many parts of the pass are done; 1: no pass will follow
+FIRST = 2 * LINE  # word of the first member: how many of its own parts are taken. Those of the next ones follow, a line each
+CLOSED = 1 << 40  # such a number before the first pass is opened: more than there are parts
+SPINS = 2000  # attempts before a waiting thread sleeps: some 50 us. Where every core has a thread, hardly one waits longer
 
 _allowed = threading.local()
 
@@ -132,6 +121,50 @@ def _at_work(tasks: list[Any]) -> Iterator[None]:
 def _pool(process: int) -> ThreadPoolExecutor:
     """Return the waiting threads of a process, started as they are needed: a fork has none of those of its parent."""
     return ThreadPoolExecutor(WAITING, "thirdbody")
+
+
+# -- how many threads pay --
+
+STARVED = 0.6
+"""CPU time of all threads over wall time below which they mostly wait for a core; two threads on two cores reach 1.5 or more."""
+
+MIN_MEASUREMENT = 0.02  # shortest wall time [s] of a measurement
+SHORT = 1e-3  # wall time of a step [s] above which more threads are always faster: a single thread is not tried
+
+PAUSE, LONGEST = 0.5, 8.0
+"""Time [s] on one thread before all are tried again, doubled after each failed trial up to the longest; a single thread is tried
+again after the longest, too."""
+
+
+class ThreadTuner:
+    """Chooses the number of threads of the step loop from the timings of its calls."""
+
+    def __init__(self) -> None:
+        self.until, self.pause = 0.0, PAUSE
+        self.alone, self.tried = math.inf, -math.inf  # last trial of one thread: time per step [s], instant [s]
+        self.used, self.steps, self.wall, self.busy = 0, 0, 0.0, 0.0  # present measurement: threads, steps, times
+
+    def threads(self, allowed: int, now: float) -> int:
+        """Return the number of threads to use at the instant `now` [s], at most `allowed`."""
+        return 1 if now < self.until else allowed
+
+    def note(self, threads: int, steps: int, wall: float, busy: float, now: float) -> None:
+        """Record a call that ended at `now` [s]: number of threads and steps, wall time and CPU time [s]."""
+        if threads != self.used:
+            self.used, self.steps, self.wall, self.busy = threads, 0, 0.0, 0.0
+        self.steps, self.wall, self.busy = self.steps + steps, self.wall + wall, self.busy + busy
+        if self.wall < MIN_MEASUREMENT:
+            return
+        step, starved = self.wall / max(self.steps, 1), self.busy < STARVED * self.wall
+        self.steps, self.wall, self.busy = 0, 0.0, 0.0
+        if threads == 1:
+            self.alone, self.tried = step, now
+        elif starved or step > self.alone:
+            self.until, self.pause = now + self.pause, min(2.0 * self.pause, LONGEST)
+        else:
+            self.pause = PAUSE
+            if step < SHORT and now - self.tried > LONGEST:
+                self.until = now + MIN_MEASUREMENT
 
 
 # -- a team --

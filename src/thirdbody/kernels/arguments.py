@@ -52,9 +52,6 @@ class ContactStep(NamedTuple):
     plate: float
 
 
-Array = np.ndarray
-
-
 class Motion(NamedTuple):
     """Length of a step [s] and mean velocity of the upper plate in it, along x and y [m/s]."""
 
@@ -99,11 +96,8 @@ LAW = types.void(_ROW, _ROW, types.int64, _ROW)
 EFFECTS = types.void(_TABLE, _TABLE, types.int64, types.int64, types.float64, types.float64, _ROW)
 """effects(bodies, body_extra, first, last, time, time step, parameters)"""
 
-OBSERVE = types.void(_TABLE, types.int64, _ROW, _ROW)
-"""observe(contacts of the body, their number, body, memory)"""
-
-LABEL = types.void(_TABLE, types.int64, _ROW, _ROW, _ROW)
-"""label(contacts of the body, their number, body, memory, out)"""
+OBSERVE = types.void(_TABLE, types.int64, _ROW, _ROW)  # observe(contacts of the body, their number, body, memory)
+LABEL = types.void(_TABLE, types.int64, _ROW, _ROW, _ROW)  # label(contacts of the body, their number, body, memory, out)
 
 MEASURE = types.void(types.NamedUniTuple(types.float64, len(ContactStep._fields), ContactStep), _I, _TABLE, _I, _I, _ROW)
 """measure(what the contact did, row of the pair, histories, candidate, first column of the measures, parameters)"""
@@ -150,8 +144,7 @@ KINDS: Kinds = {
 Context = namedtuple("Context", tuple(KINDS))  # type: ignore[misc]
 """All arguments of a step; the step loop and its passes unpack it from an array (`jit.arguments`)."""
 
-context_of = make_unpacker(Unpacked(KINDS, Context))
-"""Unpack the array."""
+context_of = make_unpacker(Unpacked(KINDS, Context))  # unpack the array
 
 _F = types.float64
 STEP = types.NamedTuple((_I, types.boolean, _F, _F, _F, _F, _F, _F), Step)
@@ -162,8 +155,7 @@ observed_of, as_observed = make_unpacker(OBSERVED_TYPE), make_view(OBSERVED_TYPE
 OBSERVE_BODIES = types.void(_I, _I, OBSERVED_TYPE, _ROW, _I, _ROW, _TABLE)
 """observe_bodies(first, last, observed, totals, address of the labeller's function, scratch: row of a body, its contacts)"""
 
-WORK = types.void(_I, _I, _I, _I, STEP, _I1)
-"""work(pass, part, first group, last group + 1, step, the packed `Context`)"""
+WORK = types.void(_I, _I, _I, _I, STEP, _I1)  # work(pass, part, first group, last group + 1, step, the packed `Context`)
 
 EARLY, SWEEP, LATE, OBSERVATION = range(4)
 """Passes of a step. The sweep goes through its groups once and does all that a group needs; with several parts, bodies that

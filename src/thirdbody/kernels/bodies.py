@@ -18,20 +18,18 @@ import numpy as np
 from numba import njit, types
 
 from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS, entry
-from thirdbody.jit.simd import all_below, broadcast, cross, extract, less_mask, load, set4, store, with_last
+from thirdbody.jit.simd import all_below, broadcast, cross, less_mask, load, set4, store, with_last
 from thirdbody.kernels.plates import three
 from thirdbody.kernels.tables import body, body_extra, domain, orientation, search_pose, sphere
-from thirdbody.kernels.vectors import matrix, rotate_small, spin
+from thirdbody.kernels.vectors import matrix, rotate_small, spin, total
 
-BODIES = 64
-"""Bodies per chunk."""
+BODIES = 64  # bodies per chunk
 
 WITH_PLATE, WITH_SPHERE, REMOTE = range(3)
 """Rows of `cuts`: where the candidates of a chunk begin, of its spheres with plates, and of its spheres with others that they
 own; then where the remote forces on its bodies begin."""
 
-MAX_DISTANCE = 1e150
-"""Bound of all distances [m]; its square is finite."""
+MAX_DISTANCE = 1e150  # bound of all distances [m]; its square is finite
 
 NEGLIGIBLE_SPEED, NEGLIGIBLE_SPIN, NEGLIGIBLE_MOMENTUM = 1e-60, 1e-60, 1e-90
 """Bounds below which motion is set to zero [m/s, rad/s, kg m2/s], some fifty orders below any motion: a sphere that a dashpot
@@ -177,8 +175,7 @@ def largest_displacement(X0, B, E, orientations):
     return largest
 
 
-STEPS = 16
-"""Steps of a block; the time step changes only at its ends."""
+STEPS = 16  # steps of a block; the time step changes only at its ends
 
 OUTER, INNER = (1, 14), (5, 10)
 """Steps of a block, from 0 on, whose spins are taken. At distances of 6.5 and 2.5 steps from the middle:"""
@@ -200,8 +197,7 @@ def weight_of(step):
 def rotate_sphere(q, w, time):
     """Return the quaternion q after a time [s] of the spin w [rad/s], vectors of four; error r^5/120 of a rotation r."""
     r = broadcast(time) * w
-    square = extract(r, 0) * extract(r, 0) + extract(r, 1) * extract(r, 1) + extract(r, 2) * extract(r, 2)
-    return rotate_small(q, broadcast(1.0 + square / 12.0) * r)
+    return rotate_small(q, broadcast(1.0 + total(r * r) / 12.0) * r)
 
 
 @njit(**BARE)

@@ -26,23 +26,15 @@ from thirdbody.kernels.rolling_kinematics import has_twist
 from thirdbody.kernels.tables import body_extra, remote_force
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output, rolling_input, rolling_output
 
-POWER = 0x7FF << 52
-"""Bits of the power of two of a number."""
-
-FIELD, SIGN = (1 << 17) - 1, 1 << 16
-"""Bits of one of the three, and that of its sign."""
-
-ROUND = 1.5 * 2.0**37
-"""The last bit of a number of this size is 2^-15: adding it rounds a number to a multiple of that."""
+POWER = 0x7FF << 52  # bits of the power of two of a number
+FIELD, SIGN = (1 << 17) - 1, 1 << 16  # bits of one of the three, and that of its sign
+ROUND = 1.5 * 2.0**37  # the last bit of a number of this size is 2^-15: adding it rounds a number to a multiple of that
 
 WHOLE, ZERO = (1023 + 37) << 52, 2.0**37 + 2.0
 """Bits of 2^37, and the number whose field is that of zero with its sign inverted."""
 
-SMALLEST = 1e-280
-"""Largest of three numbers that all count as zero, so that every power of two has a reciprocal."""
-
-ROUNDING = 1.0 + 2.0**-16
-"""Factor that raises the power of two of numbers that round to the next one."""
+SMALLEST = 1e-280  # largest of three numbers that all count as zero, so that every power of two has a reciprocal
+ROUNDING = 1.0 + 2.0**-16  # factor that raises the power of two of numbers that round to the next one
 
 
 @njit(**BARE)

@@ -41,20 +41,11 @@ from thirdbody.kernels.tile import TILE, geometry, law_input, law_output
 NEAR = 0.05
 """Least distance of two spots over the smaller radius. A contact area has this radius at an overlap of 0.0025 radii."""
 
-STEP = 2e-8
-"""Largest last step of a contact radius over the radius: what is left is of the order of its square."""
-
-LANES = 8
-"""Groups of spots that are solved together."""
-
-FAR = 1.0
-"""Place of a spot that carries nothing [m]."""
-
-SWEEPS = 60
-"""Most sweeps. Spots at 10, 3 and 2 contact radii take 6, 9 and 12 to rounding."""
-
-ACCURACY = 1e-15
-"""Change of the relief over the overlap that ends the sweeps."""
+STEP = 2e-8  # largest last step of a contact radius over the radius: what is left is of the order of its square
+LANES = 8  # groups of spots that are solved together
+FAR = 1.0  # place of a spot that carries nothing [m]
+SWEEPS = 60  # most sweeps. Spots at 10, 3 and 2 contact radii take 6, 9 and 12 to rounding
+ACCURACY = 1e-15  # change of the relief over the overlap that ends the sweeps
 
 # Spots of a body on the plates, in scratch.
 spot = Table(
@@ -235,12 +226,10 @@ def solve_lanes(L):
         f1, f2, f3 = q1 * u1 * u1 * u1, q2 * u2 * u2 * u2, q3 * u3 * u3 * u3
         write_lane(t + lane.FORCE * LANES, L, (f1, f2, f3))
         write_lane(t + lane.RELIEF * LANES, L, (g * f2 + h * f3, g * f1 + k * f3, h * f1 + k * f2))
-        write_lane(
-            t + lane.PULL_X * LANES, L, (-f1 * (f2 * g_x + f3 * h_x), f2 * (f1 * g_x - f3 * k_x), f3 * (f1 * h_x + f2 * k_x))
-        )
-        write_lane(
-            t + lane.PULL_Y * LANES, L, (-f1 * (f2 * g_y + f3 * h_y), f2 * (f1 * g_y - f3 * k_y), f3 * (f1 * h_y + f2 * k_y))
-        )
+        x = -f1 * (f2 * g_x + f3 * h_x), f2 * (f1 * g_x - f3 * k_x), f3 * (f1 * h_x + f2 * k_x)
+        y = -f1 * (f2 * g_y + f3 * h_y), f2 * (f1 * g_y - f3 * k_y), f3 * (f1 * h_y + f2 * k_y)
+        write_lane(t + lane.PULL_X * LANES, L, x)
+        write_lane(t + lane.PULL_Y * LANES, L, y)
 
 
 @njit(**BARE_CHUNK)
@@ -328,8 +317,7 @@ def solve_bodies(m, slots, context, spots):
         first = last
 
 
-FIELDS = 4
-"""Numbers of `Spots` per contact."""
+FIELDS = 4  # numbers of `Spots` per contact
 
 FLOOR = 1e-9
 """Overlap that laws see of a spot that is relieved wholly, over the whole one: tangents would be infinite at none at all."""

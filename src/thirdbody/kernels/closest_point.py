@@ -32,8 +32,7 @@ CLOSE = 1e-6
 LOCAL = 1e-2
 """In units of a cell: a correction that is accepted whether or not the distance becomes smaller, which rounding would decide."""
 
-ITERATIONS, HALVINGS = 100, 30
-"""Most iterations, and halvings of a correction: each goes down, by one cell at most."""
+ITERATIONS, HALVINGS = 100, 30  # most iterations, and halvings of a correction: each goes down, by one cell at most
 
 CURVED = 0.1
 """Smallest curvature of f/2 along any direction that a correction assumes where f is not convex; it is 1 on a plane."""
@@ -162,11 +161,9 @@ def ratio_derivatives(jet, radius):
     t_y += (1.0 + h_y * h_y) * jet.xxy - 2.0 * h_x * h_y * jet.xyy + (1.0 + h_x * h_x) * jet.yyy
     d_x, d_y = jet.xxx * yy + xx * jet.xyy - 2.0 * xy * jet.xxy, jet.xxy * yy + xx * jet.yyy - 2.0 * xy * jet.xyy
     q_x, q_y = 2.0 * square * (h_x * xx + h_y * xy), 2.0 * square * (h_x * xy + h_y * yy)
-    return (
-        ratio,
-        change * radius * (radius * fourth * (d_x - 2.0 * determinant * q_x) - cube * (t_x - 1.5 * trace * q_x)),
-        change * radius * (radius * fourth * (d_y - 2.0 * determinant * q_y) - cube * (t_y - 1.5 * trace * q_y)),
-    )
+    along_x = change * radius * (radius * fourth * (d_x - 2.0 * determinant * q_x) - cube * (t_x - 1.5 * trace * q_x))
+    along_y = change * radius * (radius * fourth * (d_y - 2.0 * determinant * q_y) - cube * (t_y - 1.5 * trace * q_y))
+    return ratio, along_x, along_y
 
 
 @njit(**BARE)
@@ -201,8 +198,7 @@ def normal_derivative(foot):
     return xx, xy, xz, yy, yz, xz * jet.x + yz * jet.y
 
 
-MERGE = 1e-3
-"""In units of a cell: minima that are nearer to each other are one."""
+MERGE = 1e-3  # in units of a cell: minima that are nearer to each other are one
 
 
 @njit(**BARE)

@@ -23,11 +23,8 @@ from thirdbody.kernels.vectors import image, images, nearest_image
 AT_END = (geometry.END_VELOCITY - geometry.MID_VELOCITY) * TILE
 """Offset from a field of the middle of the step to that of its end."""
 
-TO_END = sphere.END_VELOCITY - sphere.MID_VELOCITY
-"""The same offset for the columns of spheres."""
-
-SPARE = simd.AHEAD + simd.LINE
-"""Padding at the end of a list of contacts, which is read ahead by prefetches and vector loads."""
+TO_END = sphere.END_VELOCITY - sphere.MID_VELOCITY  # the same offset for the columns of spheres
+SPARE = simd.AHEAD + simd.LINE  # padding at the end of a list of contacts, which is read ahead by prefetches and vector loads
 
 LIGHT = 16
 """Largest history of a light law. Its cost per vector is that of one contact, so its tiles are padded to whole vectors

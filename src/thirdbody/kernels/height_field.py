@@ -2,7 +2,7 @@
 
 It is one row of numbers, so that kernels get it as they get all tables:
 
-* the head (`columns.height_field`): periods, numbers of cells, bounds;
+* the head (`kernels.tables.height_field`): periods, numbers of cells, bounds;
 * the coefficients, (count_x + 3, count_y + 3), x by x: coefficient (i, j) of the node at x = i length_x/count_x and
   y = j length_y/count_y is entry (i + 1, j + 1), and the three more per axis repeat the first ones, so no stencil wraps around;
 * the pyramid (`closest_point`): level l has a block for 2^l by 2^l cells with a height that the surface does not exceed there.
@@ -20,8 +20,6 @@ from numba import njit
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels.tables import height_field as head
 
-Array = np.ndarray
-
 SIXTH = 1.0 / 6.0
 
 RAMP = 0.05
@@ -29,8 +27,7 @@ RAMP = 0.05
 (`rounded_jet`)."""
 
 
-Jet = namedtuple("Jet", "h x y xx xy yy xxx xxy xyy yyy")
-"""Height of a surface and its derivatives at a point."""
+Jet = namedtuple("Jet", "h x y xx xy yy xxx xxy xyy yyy")  # height of a surface and its derivatives at a point
 
 
 @njit(**BARE)
@@ -151,7 +148,7 @@ def rounded_jet(field, jet, x, y):
     return Jet(h, s_x, s_y, xx, xy, yy, xxx, xxy, xyy, yyy)
 
 
-def pack_field(coefficients: Array, length_x: float, length_y: float) -> Array:
+def pack_field(coefficients: np.ndarray, length_x: float, length_y: float) -> np.ndarray:
     """Return a height field as one row from its spline coefficients (count_x, count_y) [m] and its periods [m]."""
     wrapped = np.pad(np.asarray(coefficients, float), ((1, 2), (1, 2)), mode="wrap")
     count_x, count_y = np.shape(coefficients)
@@ -167,7 +164,7 @@ def pack_field(coefficients: Array, length_x: float, length_y: float) -> Array:
     return np.concatenate([row, wrapped.ravel()] + [level.ravel() for level in levels])
 
 
-def _bounds(c: Array, d_x: float, d_y: float) -> tuple[float, float]:
+def _bounds(c: np.ndarray, d_x: float, d_y: float) -> tuple[float, float]:
     """Return bounds of the slope and of the norm of the second derivatives [1/m], from the differences of coefficients."""
     along, across = np.diff(c, axis=0) / d_x, np.diff(c, axis=1) / d_y
     slope = math.hypot(np.abs(along).max(), np.abs(across).max())
@@ -175,13 +172,13 @@ def _bounds(c: Array, d_x: float, d_y: float) -> tuple[float, float]:
     return slope, float(max(np.abs(xx).max(), np.abs(yy).max()) + np.abs(xy).max())
 
 
-def _pyramid(c: Array) -> list[Array]:
+def _pyramid(c: np.ndarray) -> list[np.ndarray]:
     """Return the levels, the finest one first: the largest coefficient of blocks of 2, 4, 8... cells."""
     blocks = c
     for axis in (0, 1):
         n = blocks.shape[axis] - 3
         blocks = np.max([np.take(blocks, range(k, k + n), axis) for k in range(4)], axis=0)
-    levels: list[Array] = []
+    levels: list[np.ndarray] = []
     while not levels or max(blocks.shape) > 1:
         blocks = np.pad(blocks, [(0, n % 2) for n in blocks.shape], mode="edge")
         blocks = np.maximum(np.maximum(blocks[::2, ::2], blocks[1::2, ::2]), np.maximum(blocks[::2, 1::2], blocks[1::2, 1::2]))

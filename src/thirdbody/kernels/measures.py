@@ -21,11 +21,8 @@ from thirdbody.kernels.tile import TILE, law_input, law_output
 
 measure_at = function_at(MEASURE)
 
-RADIUS = 0
-"""Column of a contact, counted from the first one of the measures: its radius; then come sums, then maxima."""
-
-ADD = 0
-"""Code of a sum in the table of targets; all else is a maximum (`laws.measures.Layout`)."""
+RADIUS = 0  # column of a contact, counted from the first one of the measures: its radius; then come sums, then maxima
+ADD = 0  # code of a sum in the table of targets; all else is a maximum (`laws.measures.Layout`)
 
 BODY, PLATE, POINT, DEPOSIT_RADIUS, AMOUNTS = 0, 1, 2, 4, 5
 """Columns of a deposit: body, plate (0 lower, 1 upper), point of the plate (x, y) [m], contact radius [m], one amount per map."""

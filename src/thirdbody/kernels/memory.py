@@ -91,8 +91,7 @@ ClosedContacts = namedtuple("ClosedContacts", "on H R")
 """Closed contacts of a batch: their candidates, counted from the first one of the batch, in order, and their rows."""
 
 _TABLE = types.Array(types.float64, 2, "C")
-CLOSED = types.NamedTuple((types.Array(types.int32, 1, "C"), _TABLE, _TABLE), ClosedContacts)
-"""Type of these tables."""
+CLOSED = types.NamedTuple((types.Array(types.int32, 1, "C"), _TABLE, _TABLE), ClosedContacts)  # type of these tables
 
 
 @njit(**BARE)

@@ -19,14 +19,7 @@ from numba import njit, types
 from thirdbody.jit.arguments import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS, entry
 from thirdbody.kernels import closest_point, plates
-from thirdbody.kernels.closest_point import (
-    bent_jet,
-    closest,
-    effective_radius,
-    find_minima,
-    log_radius_gradient,
-    normal_derivative,
-)
+from thirdbody.kernels.closest_point import bent_jet, closest, effective_radius, log_radius_gradient, normal_derivative
 from thirdbody.kernels.plates import BASINS, is_upper
 from thirdbody.kernels.tables import domain, height_field, sphere, surface_contact
 
@@ -47,8 +40,7 @@ def update_surfaces(first, last, context):
     update_at(context.update_surfaces)(np.int64(first), np.int64(last), tables)
 
 
-MOVED = 0.02
-"""Displacement of a sphere relative to a plate, in radii, after which all minima are searched for again."""
+MOVED = 0.02  # displacement of a sphere relative to a plate, in radii, after which all minima are searched for again
 
 MOVED_TOUCHING = 5e-4
 """The same of a sphere that touches where hollows may be sharper than itself: of the order of its overlap.
@@ -57,16 +49,14 @@ A ball that rolls into hollows of 1.01 to 1.2 times its curvature makes at most 
 times load and overlap where minima are searched for every `MOVED` radii.
 """
 
-FARTHEST = 1e100
-"""Bound of the coordinates [m] of a sphere that is somewhere."""
+FARTHEST = 1e100  # bound of the coordinates [m] of a sphere that is somewhere
 
 HOLLOW = -0.5
 """Sum of the turning of the normal along both principal directions, times the radius, below which a minimum may split: in a
 hollow of 0.33 times the curvature of the sphere, or of 0.6 times that with a sharp crest across.
 """
 
-APART = 1.0 + 1e-9
-"""Least distance over the radius plus reach in a row whose minimum has ended."""
+APART = 1.0 + 1e-9  # least distance over the radius plus reach in a row whose minimum has ended
 
 
 @njit(**BARE)
@@ -173,7 +163,7 @@ def search_all(k, field, x, limits, tables):
     and the shortest one without contact."""
     Q, (farthest, shortest) = tables.Q, limits
     minima = Q[k : k + BASINS, surface_contact.NEARBY : surface_contact.NEARBY + 3]
-    n = min(find_minima(field, x, farthest, minima), BASINS)
+    n = min(closest_point.find_minima(field, x, farthest, minima), BASINS)
     for a in range(BASINS):
         known = False  # a minimum that an earlier row has is no longer there to be claimed: else there are more minima than rows
         for m in range(n if has_minimum(k, a, Q) else 0):

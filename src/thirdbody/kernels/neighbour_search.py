@@ -18,9 +18,6 @@ from thirdbody.kernels.plates import is_sphere, order_on_sphere, partner_code
 from thirdbody.kernels.tables import EVERYTHING, ONLY_LOWER, ONLY_UPPER, sphere
 from thirdbody.kernels.vectors import images, inverse
 
-Array = np.ndarray
-
-
 Grid = namedtuple("Grid", "low size cells periodic length_x length_y")
 """Cells of the search, each at least as large as the interaction range.
 
@@ -181,8 +178,7 @@ def order_partners(first, last, at, partner):
         begin = end
 
 
-FEWEST = 4096
-"""Spheres that one thread alone searches as fast as two: some 0.5 ms."""
+FEWEST = 4096  # spheres that one thread alone searches as fast as two: some 0.5 ms
 
 
 def pair_candidates(S, spheres, skin, grid, n, own, partner):
@@ -191,7 +187,7 @@ def pair_candidates(S, spheres, skin, grid, n, own, partner):
     many, columns, edges = len(S), int(grid.cells[0] * grid.cells[1]), np.zeros(int(np.prod(grid.cells)) + 2, np.int32)
     lists = CellLists(edges, np.empty(many, np.int32), np.full((6, many + LANES), np.inf))
     fill_cells(S, spheres, grid, lists)
-    pairs_of: dict[int, Array] = {}
+    pairs_of: dict[int, np.ndarray] = {}
 
     def worker():
         around = np.empty(10, np.int64)

@@ -17,8 +17,7 @@ from numba import njit
 from thirdbody.jit.options import BARE
 from thirdbody.kernels.tables import body_extra, contact_state, patch, record, run_totals, sphere, surface_contact
 
-BASINS = 8
-"""Most contacts of a sphere with one plate."""
+BASINS = 8  # most contacts of a sphere with one plate
 
 
 @njit(**BARE)

@@ -18,8 +18,7 @@ from thirdbody.kernels.plates import is_plate, is_sphere, partner_velocity, surf
 from thirdbody.kernels.tables import record, sphere
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output, rolling_input, rolling_output
 
-MOMENTS = 2
-"""Value of `rolling` in a scene with a rolling law; 1: a law requests the travel only, 0: neither."""
+MOMENTS = 2  # value of `rolling` in a scene with a rolling law; 1: a law requests the travel only, 0: neither
 
 TWIST = 4
 """Added to `rolling` in a scene with a twisting law. Without a rolling law the moments about the tangential axes are zero."""

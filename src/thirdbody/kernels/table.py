@@ -114,10 +114,7 @@ class Table(ModuleType):
 
     def __getitem__(self, name: str) -> Column:
         """Return the column of this name. Raises KeyError without one."""
-        for column in self.columns:
-            if column.name == name:
-                return column
-        raise KeyError(name)
+        return {column.name: column for column in self.columns}[name]
 
     def __iter__(self) -> Iterator[Column]:
         return iter(self.columns)

@@ -5,8 +5,7 @@ Tables of one algorithm are declared elsewhere: `tile`, `step_tables`, `close_sp
 
 from thirdbody.kernels.table import Table, mark, number, skip, vector
 
-LOWER, UPPER, DEBRIS = 0, 1, 2
-"""Partners of a loaded contact."""
+LOWER, UPPER, DEBRIS = 0, 1, 2  # partners of a loaded contact
 
 ONLY_LOWER, EVERYTHING, ONLY_UPPER = -1, 0, 1
 """What a sphere can touch (`engine.state.State.side`): a spot of a given particle touches one plate only."""
@@ -46,9 +45,7 @@ body = Table(
     position=vector(3, "m", "centre of mass", at=sphere.POSITION),
     velocity=vector(3, "m/s", "velocity: of now when synchronised, of mid-step inside a step", at=sphere.MID_VELOCITY),
     mass=number("kg", "mass", at=sphere.MASS),
-    spin=vector(
-        3, "rad/s", "angular velocity: of a single sphere as the velocity, else where output needs it", at=sphere.MID_SPIN
-    ),
+    spin=vector(3, "rad/s", "angular velocity: of a single sphere as the velocity, else for output", at=sphere.MID_SPIN),
     sphere_inertia=number("kg m2", "moment of inertia of a single-sphere body; 0: not one"),
     force=vector(3, "N", "total force at the end of the last step", at=sphere.END_VELOCITY),
     friction_work=number("J", "friction work since the start; behind the force, to be summed with it"),
@@ -143,18 +140,12 @@ surface_contact = Table(
     ended=number("", "in the first row of a sphere: bits of rows whose minimum ended in the last update, then of the one before"),
     normal=vector(3, "", "unit normal from the plate to the sphere, world axes"),
     radius=number("m", "effective radius of curvature"),
-    normal_gradient=vector(
-        6, "1/m", "change of the normal with the place of the sphere, a symmetric tensor: xx, yy, zz, xy, xz, yz"
-    ),
+    normal_gradient=vector(6, "1/m", "change of the normal with the place of the sphere, symmetric: xx, yy, zz, xy, xz, yz"),
     gradient=vector(3, "1/m", "gradient of the logarithm of the effective radius, world axes"),
     gradient_change=vector(6, "1/m2", "implicit: its change with the place of the sphere, a symmetric tensor as above"),
-    searched=vector(
-        3, "m", "in the first row of a sphere: its centre at the last search for minima, in the coordinates of the plate"
-    ),
+    searched=vector(3, "m", "first row of a sphere: its centre at the last search for minima, in coordinates of the plate"),
     nearby=vector(3, "m", "scratch of the search: offset and distance of a minimum"),
-    start_centre=vector(
-        3, "m", "implicit, in the first row of a sphere: its centre at the start of the step, in the same coordinates"
-    ),
+    start_centre=vector(3, "m", "implicit, first row of a sphere: its centre at the start of the step, likewise"),
 )
 
 # Head of a height field (`kernels.height_field`); its coefficients and its pyramid of heights follow in the same row.

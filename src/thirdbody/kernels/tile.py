@@ -2,8 +2,7 @@
 
 from thirdbody.kernels.table import Table, mark, number, vector
 
-TILE = 64
-"""Contacts per tile."""
+TILE = 64  # contacts per tile
 
 # Inputs of the laws (stride TILE); `rolling_input` follows the history, only if a law requests it.
 law_input = Table(

@@ -71,6 +71,12 @@ def free_rotation(q, angular_momentum, inertia, dt):
 
 
 @njit(**BARE)
+def total(v):
+    """Return the sum of the first three lanes of v."""
+    return extract(v, 0) + extract(v, 1) + extract(v, 2)
+
+
+@njit(**BARE)
 def rotate_small(q, r):
     """Return the unit quaternion q after a small rotation r, world axes. tan(r/2) is replaced by r/2 (error r^3/12)."""
     half = broadcast(0.5) * r

@@ -9,43 +9,30 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from thirdbody.errors import InputError, OutputError, UsageError
+from thirdbody.errors import InputError
 from thirdbody.palette import STATE_COLORS, rgb
+from thirdbody.plot.figures import check_format, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-BAND = 0.02
-"""Relative distance of mu from t_min and t_max within which the answer is open."""
-
+BAND = 0.02  # relative distance of mu from t_min and t_max within which the answer is open
+# Margins beyond +-FARTHEST are drawn there; NEVER: position of bodies that no friction lets slide (t_min > t_max).
 FARTHEST, NEVER = 10.0, -28.0
-"""Margins beyond +-FARTHEST are drawn there; NEVER: position of bodies that no friction lets slide (t_min > t_max)."""
-
-FORMATS = (".png", ".pdf", ".svg")
-MARKERS = {"rolling": "o", "sliding": "D", "sticking": "s"}
+MARKERS = {"rolling": ("o", 17.0), "sliding": ("D", 13.0), "sticking": ("s", 14.0)}  # sign of each motion and its size
 FACTS = {"rolling": "was rolling", "sliding": "never rolled: slid", "sticking": "never rolled: stuck"}
 INK = "#222222"
+# Of the figure [inch]: width, least height of one row, height of everything except the rows.
 WIDTH, ROW, MARGIN_HEIGHT = 5.4, 0.4, 2.1
-"""Of the figure [inch]: width, least height of one row, height of everything except the rows."""
-TALLEST = 3.2
-"""Height of all rows [inch] up to which crowded rows grow so that their points stay distinguishable."""
-LETTERS = 52
-"""Largest number of letters in a line of the title, by its width."""
-MIN_ROWS = 3
-"""Number of rows that the axes have room for at least."""
-DOTS = 180
-"""Per inch: nearly 300 where the picture is printed in one column of two (3.4 inch)."""
-HALF_WIDTH = 0.4
-"""Largest distance of a point from the middle of its row, whose height is 1."""
+TALLEST = 3.2  # height of all rows [inch] up to which crowded rows grow so that their points stay distinguishable
+LETTERS = 52  # largest number of letters in a line of the title, by its width
+MIN_ROWS = 3  # number of rows that the axes have room for at least
+HALF_WIDTH = 0.4  # largest distance of a point from the middle of its row, whose height is 1
 EDGES = (1.8 * NEVER, 1.35 * FARTHEST)
-STEP = 0.0125
-"""Width of a stack of points over that of the axes: a little less than a point, so that neighbours just overlap."""
-PITCH = 0.055
-"""Distance between points of a stack [inch]: they just touch."""
-NAMED = 12
-"""Largest number of ringed and named disagreements; of more, those farthest from the band, half of them on each side."""
-NUMBER = (0.09, 0.16)
-"""Room of a number next to its ring: fraction of the width of the axes, and height [inch]."""
+STEP = 0.0125  # width of a stack of points over that of the axes: a little less than a point, so that neighbours just overlap
+PITCH = 0.055  # distance between points of a stack [inch]: they just touch
+NAMED = 12  # largest number of ringed and named disagreements; of more, those farthest from the band, half of them on each side
+NUMBER = (0.09, 0.16)  # room of a number next to its ring: fraction of the width of the axes, and height [inch]
 
 
 class Forecasts(NamedTuple):
@@ -72,6 +59,11 @@ class Forecasts(NamedTuple):
         return np.divide(inside, self.friction, out=outside, where=self.friction > 0.0)
 
     @property
+    def never(self) -> np.ndarray:
+        """No friction lets it slide (n,), bool."""
+        return self.t_min > self.t_max
+
+    @property
     def clear(self) -> np.ndarray:
         """Outside the band (n,), bool."""
         return np.abs(self.margin) > BAND
@@ -87,12 +79,6 @@ def pool(parts: Sequence[Forecasts]) -> Forecasts:
     return Forecasts(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
-def check_format(path: Path) -> None:
-    """Raise UsageError for a picture whose suffix is not in FORMATS."""
-    if path.suffix.lower() not in FORMATS:
-        raise UsageError(f"{path}: a picture ends in {', '.join(FORMATS)}")
-
-
 def draw_forecasts(forecasts: Forecasts, path: Path, title: str = "") -> None:
     """Write the picture, one row per friction coefficient; the suffix selects the format.
 
@@ -103,16 +89,12 @@ def draw_forecasts(forecasts: Forecasts, path: Path, title: str = "") -> None:
     check_format(path)
     if not len(forecasts.body):
         raise InputError("nothing to draw: no body has a forecast")
-    figure = Figure(figsize=(WIDTH, MARGIN_HEIGHT + rows_height(forecasts.friction)), layout="constrained")
+    figure = Figure(figsize=(WIDTH, MARGIN_HEIGHT + _rows_height(forecasts.friction)), layout="constrained")
     draw_into(figure.subplots(), forecasts, title)
-    try:
-        # a date would make equal pictures differ
-        figure.savefig(path, dpi=DOTS, metadata={".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix.lower()))
-    except OSError as problem:
-        raise OutputError(f"{path}: cannot be written ({problem.strerror})") from problem
+    save(figure, path)
 
 
-def rows_height(friction: np.ndarray) -> float:
+def _rows_height(friction: np.ndarray) -> float:
     """Return the height of all rows [inch]: a row of n bodies needs a quarter of their stack, up to TALLEST in all."""
     counts = np.unique(friction, return_counts=True)[1]
     return max(ROW * max(len(counts), MIN_ROWS), min(0.25 * PITCH * float(counts.max()) * len(counts), TALLEST))
@@ -122,16 +104,17 @@ def draw_into(axes: Axes, forecasts: Forecasts, title: str = "") -> None:
     """Draw everything into the axes: the two answers and the band, points by observed motion, rings around disagreements."""
     frictions, row = np.unique(forecasts.friction, return_inverse=True)
     _draw_ground(axes, frictions)
-    x = np.where(forecasts.t_min > forecasts.t_max, NEVER, np.clip(forecasts.margin, -FARTHEST, FARTHEST))
-    height = rows_height(forecasts.friction) / len(frictions)
-    y = row + swarm(_axis_fraction(axes, x), row, PITCH / height)
-    for name, marker in MARKERS.items():
+    x = np.where(forecasts.never, NEVER, np.clip(forecasts.margin, -FARTHEST, FARTHEST))
+    height = _rows_height(forecasts.friction) / len(frictions)
+    # along the axis as fractions of its width, independent of the size of the figure
+    fraction = axes.transData.transform(np.column_stack([x, np.zeros(len(x))]))[:, 0] / axes.bbox.width
+    y = row + _swarm(fraction, row, PITCH / height)
+    for name, (marker, size) in MARKERS.items():
         here = forecasts.fact == name
         if here.any():
-            size = {"o": 17.0, "D": 13.0, "s": 14.0}[marker]
             axes.scatter(x[here], y[here], s=size, marker=marker, color=STATE_COLORS[name], edgecolors="white", linewidths=0.35,
                          label=FACTS[name], zorder=3)  # fmt: skip
-    _mark_disagreements(axes, forecasts, x, y, height)
+    _mark_disagreements(axes, forecasts, np.column_stack([x, y]), np.column_stack([fraction, y * height]))
     axes.set_title("\n".join([*textwrap.wrap(title, LETTERS), agreement(forecasts)]), fontsize=10.0, pad=20.0)
     axes.figure.legend(loc="outside lower center", ncols=2, frameon=False, fontsize=9.0, handletextpad=0.3, columnspacing=1.2)
 
@@ -145,8 +128,8 @@ def agreement(forecasts: Forecasts) -> str:
     return f"as forecast: {agree} of {report}{fraction}" + (f"; {left} more in the {100.0 * BAND:g} % band" if left else "")
 
 
-def swarm(x: np.ndarray, row: np.ndarray, pitch: float) -> np.ndarray:
-    """Return positions across a row (n,), within +-SPREAD, of points at `x` (fraction of the width): near ones stacked.
+def _swarm(x: np.ndarray, row: np.ndarray, pitch: float) -> np.ndarray:
+    """Return positions across a row (n,), within +-HALF_WIDTH, of points at `x` (fraction of the width): near ones stacked.
 
     `pitch`: distance between the points of a stack.
     """
@@ -159,11 +142,6 @@ def swarm(x: np.ndarray, row: np.ndarray, pitch: float) -> np.ndarray:
     return across
 
 
-def _axis_fraction(axes: Axes, x: np.ndarray) -> np.ndarray:
-    """Return positions (n,) along the axis as fractions of its width, independent of the size of the figure."""
-    return axes.transData.transform(np.column_stack([x, np.zeros(len(x))]))[:, 0] / axes.bbox.width
-
-
 def _draw_ground(axes: Axes, frictions: np.ndarray) -> None:
     """Draw the axes, linear within the band and logarithmic outside, in the pale colour of the forecast."""
     axes.set_xscale("symlog", linthresh=BAND, linscale=0.35)
@@ -171,7 +149,8 @@ def _draw_ground(axes: Axes, frictions: np.ndarray) -> None:
     axes.set_ylim(-0.55, len(frictions) - 0.45)
     sides = ((EDGES[0], -BAND, "rolling", "forecast: can only roll"), (BAND, EDGES[1], "sliding", "forecast: can slide"))
     for start, end, state, text in sides:
-        axes.axvspan(start, end, color=_pale(STATE_COLORS[state]), zorder=0, linewidth=0.0)
+        pale = tuple(1.0 - 0.25 * (1.0 - part / 255.0) for part in rgb(STATE_COLORS[state]))  # a quarter of the colour on white
+        axes.axvspan(start, end, color=pale, zorder=0, linewidth=0.0)
         middle = -np.sqrt(start * end) if start < 0.0 else np.sqrt(start * end)
         axes.annotate(text, (middle, 1.0), (0.0, 4.0), xycoords=axes.get_xaxis_transform(), textcoords="offset points",
                       ha="center", fontsize=9.5, fontweight="bold", color=INK)  # fmt: skip
@@ -190,57 +169,45 @@ def _draw_ground(axes: Axes, frictions: np.ndarray) -> None:
     axes.spines[["top", "right", "left"]].set_visible(False)
 
 
-def _mark_disagreements(axes: Axes, forecasts: Forecasts, x: np.ndarray, y: np.ndarray, height: float) -> None:
-    """Draw rings and numbers for wrongly forecast bodies outside the band; of many, dark edges, and numbers for the farthest."""
+def _mark_disagreements(axes: Axes, forecasts: Forecasts, points: np.ndarray, positions: np.ndarray) -> None:
+    """Draw rings and numbers for wrongly forecast bodies outside the band; of many, dark edges, and numbers for the farthest.
+
+    Of all bodies `points` (n, 2) in the axes and `positions` (n, 2): fraction of the width, and height [inch].
+    """
+    from matplotlib.patheffects import withStroke
+
     wrong = np.flatnonzero(forecasts.clear & ~forecasts.correct)
     if not len(wrong):
         return
-    points = np.column_stack([_axis_fraction(axes, x), y * height])
-    ringed = farthest(forecasts, wrong, points)
-    label = "other than forecast"
+    ringed, label = wrong, "other than forecast"
     if len(wrong) > NAMED:
         dark: str | None = f"other than forecast ({len(wrong)})"
         for name in sorted(set(forecasts.fact[wrong])):
             here = wrong[forecasts.fact[wrong] == name]
-            axes.scatter(x[here], y[here], s=20.0, marker=MARKERS[name], color=STATE_COLORS[name], edgecolors=INK, linewidths=0.9,
-                         zorder=4, label=dark)  # fmt: skip
+            axes.scatter(points[here, 0], points[here, 1], s=20.0, marker=MARKERS[name][0], color=STATE_COLORS[name],
+                         edgecolors=INK, linewidths=0.9, zorder=4, label=dark)  # fmt: skip
             dark = None
+        ringed = _farthest(forecasts, wrong, positions)
         label = f"the {len(ringed)} of these farthest from the band"
-    axes.scatter(x[ringed], y[ringed], s=75.0, facecolors="none", edgecolors=INK, linewidths=1.1, zorder=5, label=label)
-    _write_numbers(axes, forecasts.body, ringed, np.column_stack([x, y]), points)
+    x, y = points[ringed].T
+    axes.scatter(x, y, s=75.0, facecolors="none", edgecolors=INK, linewidths=1.1, zorder=5, label=label)
+    for k in ringed:  # the number to the right of its ring, or to the left where another ring is
+        ahead, above = (positions[ringed] - positions[k]).T
+        occupied = ((ahead > 0.0) & (ahead < NUMBER[0]) & (np.abs(above) < NUMBER[1])).any()
+        side, align = (-5.5, "right") if occupied else (5.5, "left")
+        axes.annotate(str(forecasts.body[k]), points[k], (side, 0.0), textcoords="offset points", fontsize=8.5, va="center",
+                      ha=align, zorder=6, path_effects=[withStroke(linewidth=2.0, foreground="white")])  # fmt: skip
 
 
-def farthest(forecasts: Forecasts, wrong: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return the bodies with a ring and a number: all `wrong` ones if few, else the farthest from the band on each side.
-
-    `positions` (n, 2), of all bodies: fraction of the width, and height [inch]. Overlapping numbers are omitted.
-    """
-    if len(wrong) <= NAMED:
-        return wrong
-    distance = np.where(forecasts.t_min > forecasts.t_max, np.inf, np.abs(forecasts.margin))
+def _farthest(forecasts: Forecasts, wrong: np.ndarray, positions: np.ndarray) -> np.ndarray:
+    """Return the wrong ones farthest from the band on each side; those whose numbers would overlap are omitted."""
+    distance = np.where(forecasts.never, np.inf, np.abs(forecasts.margin))
     chosen: list[int] = []
     for slides in (False, True):
         side = wrong[forecasts.slides[wrong] == slides]
         space = len(chosen) + NAMED // 2
         for k in side[np.argsort(-distance[side], kind="stable")]:
-            near = (np.abs(points[chosen] - points[k]) < NUMBER).all(axis=1)
+            near = (np.abs(positions[chosen] - positions[k]) < NUMBER).all(axis=1)
             if len(chosen) < space and not near.any():
                 chosen.append(int(k))
     return np.array(chosen)
-
-
-def _write_numbers(axes: Axes, body: np.ndarray, ringed: np.ndarray, points: np.ndarray, positions: np.ndarray) -> None:
-    """Write the number of each body to the right of its ring, or to the left where another ring is."""
-    from matplotlib.patheffects import withStroke
-
-    for k in ringed:
-        ahead, above = (positions[ringed] - positions[k]).T
-        occupied = ((ahead > 0.0) & (ahead < NUMBER[0]) & (np.abs(above) < NUMBER[1])).any()
-        side, align = (-5.5, "right") if occupied else (5.5, "left")
-        axes.annotate(str(body[k]), points[k], (side, 0.0), textcoords="offset points", fontsize=8.5, va="center", ha=align,
-                      zorder=6, path_effects=[withStroke(linewidth=2.0, foreground="white")])  # fmt: skip
-
-
-def _pale(color: str) -> tuple[float, ...]:
-    """Return a quarter of the colour on white."""
-    return tuple(1.0 - 0.25 * (1.0 - part / 255.0) for part in rgb(color))

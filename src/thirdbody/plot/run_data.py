@@ -1,20 +1,26 @@
-"""Data of a run for the panels: series from the start of the drag on, path of the plate, contacts of a frame."""
+"""Data of a run for the panels of its page: series from the start of the drag on, path of the plate, contacts of a frame."""
 
 import tomllib
+from collections.abc import Callable
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from thirdbody.palette import state_colors
-from thirdbody.trajectory.friction import averaged
-from thirdbody.trajectory.reader import Run
+from thirdbody.trajectory.run_file import RunFile
+from thirdbody.units import percent, unit_for
+
+BETWEEN = "between two bodies"
+# Ticks of an axis from 0 to 100 %.
+PERCENT: dict[str, Any] = {"ticks": [0.0, 0.25, 0.5, 0.75, 1.0], "labels": ["0", "25", "50", "75", "100"]}
 
 
 class RunData:
     """Data of one run for its plots; contacts are those of `frame`. Raises IndexError for a frame outside the run."""
 
-    def __init__(self, run: Run, frame: int = -1):
+    def __init__(self, run: RunFile, frame: int = -1):
         self.run, self.frame = run, run.frame_number(frame)
         self.series, self.frames, self.drag = run.series, run.frames, run.drag
         self.dragged, self.stroke, self.start = self.drag.dragged, self.drag.stroke, self.drag.start
@@ -42,16 +48,31 @@ class RunData:
         times = self.run.times[self.start :]
         return times - times[0], "s", "time of the drag" if self.dragged else "time"
 
+    @property
+    def extended(self) -> bool:
+        """Whether there is something to draw over the abscissa."""
+        return len(self.axis[0]) > 1 and bool(self.axis[0][-1] > self.axis[0][0])
+
     @cached_property
     def averaged(self) -> np.ndarray:
         """Frames (F,), bool, that enter the mean friction coefficient of one-way sliding."""
-        return averaged(self.run)
+        return self.run.drag.averaged
 
     @cached_property
     def fractions(self) -> dict[str, np.ndarray]:
         """Fractions of the states (F,) by name, empty for a run without labels."""
         portions = {name: self.series.get(f"fraction_{name}") for name in self.run.state_names}
         return {name: values for name, values in portions.items() if values is not None}
+
+    @property
+    def final_fractions(self) -> str:
+        """`59 % sliding, 41 % rolling`; for one body its state only."""
+        portions = {name: float(values[-1]) for name, values in self.fractions.items() if values[-1] > 0.0}
+        if len(portions) == 1:
+            return f"{'' if self.summary.get('bodies') == 1 else 'all '}{next(iter(portions))}"
+        return ", ".join(
+            f"{percent(fraction)} {name}" for name, fraction in sorted(portions.items(), key=lambda entry: -entry[1])
+        )
 
     @cached_property
     def scene(self) -> dict[str, Any]:
@@ -75,7 +96,7 @@ class RunData:
 
     @cached_property
     def contact_groups(self) -> dict[str, np.ndarray]:
-        """Return the contacts (C,), bool, of the bodies in each state; those between two bodies separately."""
+        """Contacts (C,), bool, of the bodies in each state; those between two bodies separately."""
         c = self.contacts
         between = c["partner"] >= 0 if "partner" in c else np.zeros(len(c["position"]), bool)
         if "body" not in c or "state" not in self.bodies:
@@ -85,4 +106,28 @@ class RunData:
         return {name: members for name, members in (groups | {BETWEEN: between}).items() if members.any()}
 
 
-BETWEEN = "between two bodies"
+class Panel(NamedTuple):
+    """Panel: condition, title, drawing."""
+
+    name: str
+    missing: Callable[[RunData], str]
+    """Why the run has no data for it, empty if it has."""
+    title: Callable[[RunData], str]
+    draw: Callable[[Axes, RunData], None]
+    height: float
+    """Height with title and axis [inch]."""
+    half: bool = False
+    """Whether it has half the width."""
+    note: str = ""
+    """Note for the reader at the foot of the page."""
+
+
+def no_labels(data: RunData) -> str:
+    """Return why there is no panel of states, empty when the run has labels."""
+    return "" if data.fractions else "its bodies were not labelled"
+
+
+def label_axis(axes: Axes, data: RunData, ordinate: str) -> None:
+    """Label a panel over the drag: its abscissa with the unit of its largest value."""
+    axes.set_xlabel(f"{data.axis[2]} ({unit_for(data.axis[0], data.axis[1])[1]})")
+    axes.set_ylabel(ordinate)

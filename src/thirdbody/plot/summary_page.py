@@ -1,90 +1,36 @@
 """Summary page of a run: panels over the drag, of the contacts at a frame, and a headline in words."""
 
 import io
-import os
 import textwrap
-import warnings
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from thirdbody.atomic_files import write_whole
-from thirdbody.errors import InputError, OutputError, UsageError
-from thirdbody.plot import panels_accommodation as accommodation
-from thirdbody.plot import panels_bed as bed
-from thirdbody.plot import panels_contacts as contacts
-from thirdbody.plot import panels_friction as friction
-from thirdbody.plot import panels_groups as groups
-from thirdbody.plot import panels_profiles as profiles
-from thirdbody.plot import panels_series as series
-from thirdbody.plot.forecast_plot import DOTS, check_format
-from thirdbody.plot.run_data import RunData
-from thirdbody.trajectory.reader import Run, open_run
+from thirdbody.errors import InputError, UsageError
+from thirdbody.plot import bed_panels, drag_panels
+from thirdbody.plot.figures import checked_path, save
+from thirdbody.plot.run_data import Panel, RunData
+from thirdbody.trajectory.run_file import RunFile, open_run
 from thirdbody.units import GLUE, MINUS, quantity_text, unit_for
 
 INK, SOFT = "#222222", "#5A626C"
-WIDTH = 8.27
-"""Width of the page [inch]: A4."""
-TITLE_LINE, LINE, NOTE_LINE = 0.27, 0.17, 0.125
-"""Heights of lines of text: title, headline, notes [inch]."""
-LETTERS_OF_TITLE, LETTERS, LETTERS_OF_NOTE = 62, 116, 145
-"""Largest number of letters in such a line, by the width of the page."""
-DECIMALS = 8
-"""Decimals of the positions of axes, as fractions of the page: far below a pixel."""
-EDGE, MARGIN = 0.2, 0.3
-"""Free space above and below, and to the left [inch]."""
+WIDTH = 8.27  # width of the page [inch]: A4
+TITLE_LINE, LINE, NOTE_LINE = 0.27, 0.17, 0.125  # heights of lines of text: title, headline, notes [inch]
+LETTERS_OF_TITLE, LETTERS, LETTERS_OF_NOTE = 62, 116, 145  # largest number of letters in such a line, by the width of the page
+DECIMALS = 8  # decimals of the positions of axes, as fractions of the page: far below a pixel
+EDGE, MARGIN = 0.2, 0.3  # free space above and below, and to the left [inch]
 
 
-class Panel(NamedTuple):
-    """Panel: condition, title, drawing."""
-
-    name: str
-    missing: Callable[[RunData], str]
-    """Why the run has no data for it, empty if it has."""
-    title: Callable[[RunData], str]
-    draw: Callable[[Axes, RunData], None]
-    height: float
-    """Height with title and axis [inch]."""
-    half: bool = False
-    """Whether it has half the width."""
-    note: str = ""
-    """Note for the reader at the foot of the page."""
-
-
-PANELS = (
-    Panel("friction", friction.why_no_friction, friction.friction_title, friction.draw_friction, 2.1, False,
-          friction.FRICTION_NOTE),
-    Panel("loop", friction.why_no_loop, friction.loop_title, friction.draw_loop, 2.3, False, friction.LOOP_NOTE),
-    Panel("states", series.why_no_states, series.states_title, series.draw_states, 1.7, False, series.STATES_NOTE),
-    Panel("groups", groups.why_no_groups, groups.groups_title, groups.draw_groups, 1.9, False, groups.GROUPS_NOTE),
-    Panel("accommodation", accommodation.why_no_accommodation, accommodation.accommodation_title,
-          accommodation.draw_accommodation, 1.9, False, accommodation.ACCOMMODATION_NOTE),
-    Panel("bed", bed.why_no_bed, bed.bed_title, bed.draw_bed, 1.7, False, bed.BED_NOTE),
-    Panel("gap", series.why_no_gap, series.gap_title, series.draw_gap, 1.4),
-    Panel("load", series.why_no_load, series.load_title, series.draw_load, 1.4),
-    Panel("debris_load", series.why_no_debris_load, series.debris_load_title, series.draw_debris_load, 1.7, False,
-          series.DEBRIS_LOAD_NOTE),
-    Panel("energy", series.why_no_energy, series.energy_title, series.draw_energy, 2.1, False, series.ENERGY_NOTE),
-    Panel("velocity_profile", profiles.why_no_profiles, profiles.velocity_title, profiles.draw_velocity, 2.4, True,
-          profiles.PROFILES_NOTE),
-    Panel("solid_profile", profiles.why_no_profiles, profiles.solid_title, profiles.draw_solid, 2.4, True),
-    Panel("stress_profile", profiles.why_no_profiles, profiles.stress_title, profiles.draw_stress, 2.4, True),
-    Panel("states_profile", profiles.why_no_state_profile, profiles.states_profile_title, profiles.draw_states_profile, 2.4,
-          True),
-    Panel("utilisation", partial(contacts.why_no, "utilisation"), contacts.utilisation_title, contacts.draw_utilisation, 2.0,
-          True, contacts.UTILISATION_NOTE),
-    Panel("normal_force", partial(contacts.why_no, "normal_force"), contacts.normal_force_title, contacts.draw_normal_force, 2.0,
-          True),
+NAMES = (
+    "friction", "loop", "states", "groups", "accommodation", "bed", "gap", "load", "debris_load", "energy", "velocity_profile",
+    "solid_profile", "stress_profile", "states_profile", "utilisation", "normal_force",
 )  # fmt: skip
-NAMES = tuple(panel.name for panel in PANELS)
+PANELS = {panel.name: panel for panel in (*drag_panels.PANELS, *bed_panels.PANELS)}
 
 
 def plot(run_path: str | Path, out: str | Path, panels: Sequence[str] | None = None, frame: int = -1) -> Path:
@@ -100,15 +46,6 @@ def plot(run_path: str | Path, out: str | Path, panels: Sequence[str] | None = N
     return out
 
 
-def checked_path(path: str | Path) -> Path:
-    """Return the path of a picture to write. Raises UsageError for another suffix, OutputError without its folder."""
-    path = Path(path)
-    check_format(path)
-    if not os.path.isdir(path.absolute().parent):
-        raise OutputError(f"{path}: cannot be written (the folder {path.parent} does not exist)")
-    return path
-
-
 def check_names(names: Sequence[str] | None) -> None:
     """Raise UsageError for an unknown panel, and for a text in place of a list."""
     if isinstance(names, str):
@@ -118,33 +55,7 @@ def check_names(names: Sequence[str] | None) -> None:
             raise UsageError(f"no panel is called '{name}': there are {', '.join(NAMES)}")
 
 
-def save(figure: Figure, path: Path) -> None:
-    """Write a figure whole or not at all, equal pictures as equal files. Raises OutputError when it cannot be written."""
-    kind, content = path.suffix.lower()[1:], io.BytesIO()
-    # dates and random names of shapes would make equal pictures differ; letters stay letters in PDF
-    metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)
-    with rc_context({"svg.hashsalt": "thirdbody", "pdf.fonttype": 42}), _one_warning_of_letters(path):
-        figure.savefig(content, format=kind, dpi=DOTS, metadata=metadata)
-    try:
-        write_whole(path, content.getvalue())
-    except OSError as problem:
-        raise OutputError(f"{path}: cannot be written ({problem.strerror})") from problem
-
-
-@contextmanager
-def _one_warning_of_letters(path: Path) -> Iterator[None]:
-    """Replace the warnings of matplotlib, one for each letter missing in its font, by a single one."""
-    with warnings.catch_warnings(record=True) as caught:
-        yield
-    lacking = [entry for entry in caught if "missing from font" in str(entry.message)]
-    for entry in caught:
-        if entry not in lacking:
-            warnings.warn_explicit(entry.message, entry.category, entry.filename, entry.lineno)
-    if lacking:
-        warnings.warn(f"{path}: the font has no sign for some letters, which are drawn as boxes", stacklevel=3)
-
-
-def page(run: Run, panels: Sequence[str] | None = None, frame: int = -1) -> Figure:
+def page(run: RunFile, panels: Sequence[str] | None = None, frame: int = -1) -> Figure:
     """Return the page as a matplotlib figure: the panels named, or all that apply to the run. Raises like `plot`."""
     check_names(panels)
     if not run.frames:
@@ -153,7 +64,7 @@ def page(run: Run, panels: Sequence[str] | None = None, frame: int = -1) -> Figu
         data = RunData(run, frame)
     except IndexError as error:
         raise InputError(str(error)) from None
-    missing = {panel.name: panel.missing(data) for panel in PANELS}
+    missing = {name: PANELS[name].missing(data) for name in NAMES}
     there = [name for name in NAMES if not missing[name]]
     for name in panels or ():
         if missing[name]:
@@ -161,41 +72,32 @@ def page(run: Run, panels: Sequence[str] | None = None, frame: int = -1) -> Figu
             raise InputError(f"{run.path}: this run has no panel '{name}' ({missing[name]}); it has {names}")
     if not there:
         raise InputError(f"{run.path}: nothing to plot: {'; '.join(dict.fromkeys(missing.values()))}")
-    wanted = panels or [name for name in there if name != ("gap" if _gap_is_set(data) and "load" in there else "load")]
-    return _compose(data, [next(panel for panel in PANELS if panel.name == name) for name in dict.fromkeys(wanted)])
-
-
-def _gap_is_set(data: RunData) -> bool:
-    """Return whether the scene prescribes the gap: then the load is a result."""
-    return data.scene.get("plates", {}).get("upper", {}).get("gap") is not None
+    # where the scene prescribes the gap, the load is a result
+    gap_is_set = data.scene.get("plates", {}).get("upper", {}).get("gap") is not None
+    wanted = panels or [name for name in there if name != ("gap" if gap_is_set and "load" in there else "load")]
+    return _compose(data, [PANELS[name] for name in dict.fromkeys(wanted)])
 
 
 def headline(data: RunData) -> list[str]:
     """Return key figures and circumstances, one line each."""
+    figures = [f"at the end {data.final_fractions}"] if data.fractions else []
+    residual = data.summary.get("energy_residual")
+    if residual is not None:
+        figures.append(f"energy residual {residual:.0e} of the work".replace("e-0", "e-").replace("-", MINUS))
     # broken between figures, not inside them
-    lines = [", ".join(text.replace(" ", GLUE) for text in texts) for texts in (_figures(data), _circumstances(data)) if texts]
+    lines = [", ".join(text.replace(" ", GLUE) for text in texts) for texts in (figures, _circumstances(data)) if texts]
     if np.isfinite(data.run.friction.value):
         lines.insert(0, f"friction coefficient {data.run.friction}")
+    frames, why = f"{data.frames} frame{'s' if data.frames > 1 else ''}", data.summary.get("stopped")
     if not data.summary["finished"]:
-        why = data.summary.get("stopped") or "no end was written: killed, or still running"
-        lines.append(f"Not finished, {data.frames} frame{'s' if data.frames > 1 else ''} kept: {why}")
-    elif data.summary.get("stopped"):
-        lines.append(f"Stopped after {data.frames} frame{'s' if data.frames > 1 else ''}: {data.summary['stopped']}")
+        lines.append(f"Not finished, {frames} kept: {why or 'no end was written: killed, or still running'}")
+    elif why:
+        lines.append(f"Stopped after {frames}: {why}")
     if data.summary.get("speed_scale"):
         lines.append(f"speed scaled: {data.summary['speed_scale']['text']}")
     if "energy_verdict" in data.summary:
         lines.append(data.summary["energy_verdict"])
     return [line for text in lines for line in textwrap.wrap(text[:1].upper() + text[1:], LETTERS)]
-
-
-def _figures(data: RunData) -> list[str]:
-    result = []
-    if data.fractions:
-        result.append(f"at the end {series.final_fractions(data)}")
-    residual = data.summary.get("energy_residual")
-    if residual is not None:
-        result.append(f"energy residual {residual:.0e} of the work".replace("e-0", "e-").replace("-", MINUS))
-    return result
 
 
 def _circumstances(data: RunData) -> list[str]:
@@ -210,11 +112,8 @@ def _circumstances(data: RunData) -> list[str]:
         if data.drag.begin > 0.0:
             result.append(f"pressed for {quantity_text(data.drag.begin, 's', 2)}")
         path, elapsed = float(data.drag.distance[-1]), float(times[-1] - data.drag.begin)
-        what = (
-            f"moved back and forth over {quantity_text(path, 'm')} in all"
-            if data.stroke
-            else f"dragged {quantity_text(path, 'm')}"
-        )
+        length = quantity_text(path, "m")
+        what = f"moved back and forth over {length} in all" if data.stroke else f"dragged {length}"
         result.append(f"then {what} in {quantity_text(elapsed, 's', 2)} ({quantity_text(path / elapsed, 'm/s', 2)})")
     elif times[-1] > 0.0:
         result.append(f"{quantity_text(float(times[-1]), 's', 2)} without drag")
@@ -240,7 +139,6 @@ def _compose(data: RunData, panels: list[Panel]) -> Figure:
 
 
 def _fill(subfigure: SubFigure, data: RunData, panels: list[Panel]) -> None:
-    """Draw wide panels below each other, or half ones in pairs."""
     columns = 2 if panels[0].half and len(panels) > 1 else 1
     rows = -(-len(panels) // columns)
     heights = [panel.height for panel in panels[::columns]]
@@ -293,7 +191,6 @@ def _write(figure: Figure, y: float, lines: list[str], size: float, step: float,
 
 
 def _draw(axes: Axes, data: RunData, panel: Panel) -> None:
-    """Draw the panel with the elements that all panels share."""
     axes.set_label(panel.name)
     axes.tick_params(labelsize=8.0)
     panel.draw(axes, data)

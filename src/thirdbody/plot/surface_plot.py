@@ -1,8 +1,5 @@
 """Picture of a surface: its height map with a scale bar, and its spectrum with the power law."""
 
-from __future__ import annotations
-
-import io
 from pathlib import Path
 
 import numpy as np
@@ -11,36 +8,25 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from thirdbody.atomic_files import write_whole
-from thirdbody.errors import OutputError
 from thirdbody.palette import INK, LINE_COLORS, SOFT_INK
+from thirdbody.plot.figures import save
 from thirdbody.surfaces.statistics import Statistics
 from thirdbody.units import quantity_text, round_length, unit_for, with_unit
 
-WIDTH, HEIGHT, DOTS = 10.0, 4.6, 160
-"""Of the picture [inch], and its dots per inch."""
-
-MAX_PIXELS = 2000
-"""Points along the longer side of a drawn map; finer ones are thinned."""
-
-COLORS = "cividis"
-"""Colour map of heights, the same for every kind of colour vision (Nunez, Anderton and Renslow 2018)."""
+WIDTH, HEIGHT, DOTS = 10.0, 4.6, 160  # of the picture [inch], and its dots per inch
+MAX_PIXELS = 2000  # points along the longer side of a drawn map; finer ones are thinned
+COLORS = "cividis"  # colour map of heights, the same for every kind of colour vision (Nunez, Anderton and Renslow 2018)
 
 
 def draw_surface(out: Path, name: str, heights: np.ndarray, spacing: tuple[float, float], statistics: Statistics) -> None:
     """Draw heights (n_y, n_x) [m] and their spectrum into a file. Raises OutputError."""
-    with rc_context({"font.size": 10, "svg.hashsalt": "thirdbody"}):
+    with rc_context({"font.size": 10}):
         figure = Figure(figsize=(WIDTH, HEIGHT), layout="constrained")
         left, right = figure.subplots(1, 2, width_ratios=[1.25, 1.0])
         figure.suptitle(name, x=0.02, ha="left", fontweight="bold", color=INK)
         _draw_map(figure, left, heights, spacing)
         _draw_spectrum(right, statistics)
-        content = io.BytesIO()
-        figure.savefig(content, format=out.suffix[1:].lower(), dpi=DOTS)
-    try:
-        write_whole(out, content.getvalue())
-    except OSError as error:
-        raise OutputError(f"{out}: cannot be written ({error.strerror or error})") from error
+        save(figure, out, DOTS)
 
 
 def _draw_map(figure: Figure, axes: Axes, heights: np.ndarray, spacing: tuple[float, float]) -> None:
@@ -89,5 +75,4 @@ def _draw_spectrum(axes: Axes, statistics: Statistics) -> None:
         loc="left", fontsize=10, color=SOFT_INK,
     )  # fmt: skip
     axes.legend(frameon=False, fontsize=9)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+    axes.spines[["top", "right"]].set_visible(False)

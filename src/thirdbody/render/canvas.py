@@ -1,4 +1,4 @@
-"""Window of a picture: one pyvista plotter, with renderers for the background, each view, and the text.
+"""Off-screen canvas of a picture: renderers for the background, each view, and flat shapes and text over it.
 
 Everything is drawn at twice the size and averaged.
 """
@@ -8,7 +8,7 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType, TracebackType
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -17,21 +17,19 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from thirdbody.atomic_files import write_whole
-from thirdbody.palette import PAPER
+from thirdbody.palette import INK, PAPER, rgb
 
 Rectangle = tuple[float, float, float, float]
 
-OVERSAMPLING = 2
-"""Factor by which pictures are drawn larger before averaging, the only antialiasing of ray-cast spheres."""
-
-GLOSSY = {"ambient": 0.30, "diffuse": 0.80, "specular": 0.22, "specular_power": 35.0}
-"""Material of debris."""
+OVERSAMPLING = 2  # factor by which pictures are drawn larger before averaging, the only antialiasing of ray-cast spheres
+GLOSSY = {"ambient": 0.30, "diffuse": 0.80, "specular": 0.22, "specular_power": 35.0}  # material of debris
+WIDTH = 1600  # width of a picture for which lengths are given [pixels]
+_LEGIBLE = 11  # least height of legible text [pixels]
+_ALIGNED = {"left": 0.0, "center": 0.5, "right": 1.0}
 
 _PAPER, _WORDS = 0, 1
-_LAYERS = (0, 3)
-"""Layers of the background and the text; between them those of the views and of objects seen through bodies."""
-_LIGHTS = (((-0.6, 1.2, 1.0), 0.85), ((0.8, 0.2, 1.0), 0.35))
-"""Position, in the camera's axes, and intensity."""
+_LAYERS = (0, 3)  # layers of the background and the text; between them those of the views and of objects seen through bodies
+_LIGHTS = (((-0.6, 1.2, 1.0), 0.85), ((0.8, 0.2, 1.0), 0.35))  # position, in the camera's axes, and intensity
 
 
 class Pane:
@@ -67,11 +65,6 @@ class Pane:
         mapper.SetColorModeToDirectScalars()
         self.add_actor(pyvista.Actor(mapper, pyvista.Property(color="white", **GLOSSY)))
 
-    def add_lights(self) -> None:
-        """Add two lights that move with the camera."""
-        for position, intensity in _LIGHTS:
-            self.renderer.add_light(pyvista.Light(position=position, intensity=intensity, light_type="camera light"))
-
     def show_pixels(self) -> None:
         """Set the unit of length to the pixel of the picture, counted from its lower left corner."""
         wide, tall = self.size
@@ -101,7 +94,7 @@ class Pane:
 
 
 class Canvas:
-    """Off-screen plotter for pictures of `size` pixels with up to `views` views.
+    """Off-screen plotter for pictures of `size` pixels with up to `views` views; `paper` is behind and `words` before all views.
 
     In a film one canvas serves all pictures: in a new one every shader is compiled again, which takes longer than drawing.
     """
@@ -116,29 +109,20 @@ class Canvas:
         window: Any = self._plotter.render_window
         window.SetDPI(72)  # fonts are measured in pixels
         window.SetNumberOfLayers(_LAYERS[1] + 1)
-        self._panes = [Pane(self._plotter, number, size) for number in range(2 + 2 * views)]
+        self.panes = [Pane(self._plotter, number, size) for number in range(2 + 2 * views)]
         for number, layer in zip((_PAPER, _WORDS), _LAYERS, strict=True):
-            self._panes[number].renderer.viewport = (0.0, 0.0, 1.0, 1.0)
-            self._panes[number].renderer.layer = layer
-            self._panes[number].show_pixels()
+            self.panes[number].renderer.viewport = (0.0, 0.0, 1.0, 1.0)
+            self.panes[number].renderer.layer = layer
+            self.panes[number].show_pixels()
+        self.paper, self.words = self.panes[_PAPER], self.panes[_WORDS]
         self.paper.renderer.background_color = PAPER
         self._used = 2
 
     def __enter__(self) -> Canvas:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, *_error: object) -> None:
         self._plotter.close()
-
-    @property
-    def paper(self) -> Pane:
-        """Background of all views."""
-        return self._panes[_PAPER]
-
-    @property
-    def words(self) -> Pane:
-        """Foreground of all views."""
-        return self._panes[_WORDS]
 
     def clear(self) -> None:
         """Remove everything that was drawn."""
@@ -147,12 +131,13 @@ class Canvas:
 
     def add_view(self, viewport: Rectangle) -> tuple[Pane, Pane]:
         """Add a view in a part of the picture (fractions of its size), and one for objects seen through its bodies."""
-        outer, inner = self._panes[self._used : self._used + 2]
+        outer, inner = self.panes[self._used : self._used + 2]
         self._used += 2
         for layer, pane in enumerate((outer, inner), start=1):
             pane.renderer.viewport = viewport
             pane.renderer.layer = layer
-            pane.add_lights()
+            for position, intensity in _LIGHTS:  # they move with the camera
+                pane.renderer.add_light(pyvista.Light(position=position, intensity=intensity, light_type="camera light"))
         inner.renderer.camera = outer.renderer.camera
         return outer, inner
 
@@ -171,3 +156,76 @@ def save_png(pixels: np.ndarray, path: Path, texts: Mapping[str, str] = MappingP
     content = io.BytesIO()
     Image.fromarray(pixels).save(content, "PNG", pnginfo=chunks)
     write_whole(path, content.getvalue())
+
+
+class Overlay:
+    """Flat shapes and text over the whole picture; positions in pixels from its lower left corner.
+
+    Lengths given to `px` and heights of text hold for a picture 1600 pixels wide and `reference` high, and scale with the smaller
+    of both ratios: a layout that fits there fits everywhere.
+    """
+
+    def __init__(self, canvas: Canvas, reference: float = 900.0):
+        self.size = canvas.size
+        self.pane, self._unit = canvas.words, min(canvas.size[0] / WIDTH, canvas.size[1] / reference)
+
+    def px(self, length: float) -> float:
+        """Return the pixels of a length given for a picture of the reference height."""
+        return length * self._unit
+
+    def text(self, words: str, x: float, y: float, height: float, color: str = INK, **style: Any) -> None:
+        """Write words of a given height; `align` left, center or right, `bold`.
+
+        Words that would be cut at an edge of the picture move inside.
+        """
+        align = style.pop("align", "left")
+        actor = self._actor(words, height, color=color, justification_horizontal=align, **style)
+        actor.position = (x * OVERSAMPLING, y * OVERSAMPLING)
+        self.pane.add_actor(actor)
+        width, margin = self._width(actor), self.px(8)
+        left = x - _ALIGNED[align] * width
+        shift = max(margin - left, 0.0) or min(self.size[0] - margin - (left + width), 0.0)
+        if shift and width < self.size[0] - 2 * margin:
+            actor.position = ((x + shift) * OVERSAMPLING, y * OVERSAMPLING)
+
+    def text_height(self, height: float) -> float:
+        """Return the pixels of a text height given for a picture of the reference height, never below legibility."""
+        return max(self.px(height), _LEGIBLE)
+
+    def _actor(self, words: str, height: float, **style: Any) -> pyvista.Text:
+        size = int(self.text_height(height) * OVERSAMPLING)
+        actor = pyvista.Text(words)
+        actor.prop = pyvista.TextProperty(font_family="arial", font_size=size, justification_vertical="center", **style)
+        return actor
+
+    def _width(self, actor: pyvista.Text) -> float:
+        box = [0.0] * 4
+        actor.GetBoundingBox(self.pane.renderer, box)
+        return (box[1] - box[0]) / OVERSAMPLING
+
+    def width_of(self, words: str, height: float, bold: bool = False) -> float:
+        """Return the width of words of a given height [pixels]."""
+        return self._width(self._actor(words, height, bold=bold))
+
+    def fitting(self, words: str, height: float, width: float, bold: bool = False) -> float:
+        """Return the height, at most `height`, at which words are at most `width` pixels wide."""
+        return height * min(1.0, width / max(self.width_of(words, height, bold), 1.0))
+
+    def polygon(self, corners: np.ndarray, color: str) -> None:
+        """Draw a filled polygon with corners (k, 2)."""
+        self.pane.add_polygons(np.asarray(corners, np.float64)[None], np.array([rgb(color)], np.uint8))
+
+    def disc(self, x: float, y: float, radius: float, color: str) -> None:
+        """Draw a filled circle."""
+        angle = np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False)
+        self.polygon(np.stack([x + radius * np.cos(angle), y + radius * np.sin(angle)], axis=1), color)
+
+    def outline(self, corners: np.ndarray, color: str) -> None:
+        """Draw the outline of a polygon with corners (k, 2)."""
+        line = pyvista.MultipleLines(np.pad([*corners, corners[0]], ((0, 0), (0, 1))))
+        self.pane.add(line, color=color, lighting=False, line_width=self.px(1.5) * OVERSAMPLING)
+
+
+def rectangle(x0: float, y0: float, x1: float, y1: float) -> np.ndarray:
+    """Return the corners (4, 2) of a rectangle."""
+    return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])

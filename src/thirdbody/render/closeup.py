@@ -11,22 +11,23 @@ import numpy as np
 import pyvista
 
 from thirdbody.palette import INK, SOFT_INK, STATE_COLORS
-from thirdbody.render.canvas import Canvas
-from thirdbody.render.closeup_data import CloseUpData
-from thirdbody.render.coloring import Legend
-from thirdbody.render.layout import HEADING, add_direction, finish_view, write_title
-from thirdbody.render.legend import draw_legend, legend_height
-from thirdbody.render.overlay import Overlay
+from thirdbody.render.canvas import Canvas, Overlay
+from thirdbody.render.layout import HEADING, add_direction, draw_legend, finish_view, write_title
+from thirdbody.render.picture_data import CloseUpData
 from thirdbody.render.viewport import Viewport
 from thirdbody.units import with_unit
 
+# Margin around the particle, longest arrow and smallest visible contact, over the particle's size.
 _MARGIN, _LONGEST, _SMALLEST = 0.52, 0.62, 0.035
-"""Margin around the particle, longest arrow and smallest visible contact, over the particle's size."""
-_SLIPPING = 0.999
-"""A contact slips at this utilisation: the remainder is rounding of the step."""
-_LISTED = 8
-"""Largest number of lines of the list of contacts."""
+_SLIPPING = 0.999  # a contact slips at this utilisation: the remainder is rounding of the step
+_LISTED = 8  # largest number of lines of the list of contacts
 _CAMERA = (-0.34, -0.90, 0.30)
+# Of the legend: the list names the particle's state.
+_ENTRIES = (
+    ("spot that sticks", STATE_COLORS["sticking"]),
+    ("spot that slips", STATE_COLORS["sliding"]),
+    ("force on the particle, inside the cone of friction", INK),
+)
 
 
 @dataclass(frozen=True)
@@ -77,8 +78,8 @@ def _plate_height(one: CloseUpData) -> float:
 def draw_close_up(canvas: Canvas, layout: CloseUpLayout, one: CloseUpData) -> None:
     """Draw the picture of one particle."""
     size, overlay = layout.size, Overlay(canvas)
-    legend = _legend(one)
-    foot, head = legend_height(overlay, legend) / size[1], 1.0 - overlay.px(HEADING) / size[1]
+    legend = replace(one.picture.legend, entries=_ENTRIES, total=0)  # keeps a colour scale of numbers
+    foot, head = draw_legend(overlay, legend) / size[1], 1.0 - overlay.px(HEADING) / size[1]
     shift = np.zeros(3) if layout.fixed else np.array([*one.center[:2], 0.0])
     wide = size[0] >= 1.25 * size[1]
     area = (0.01, foot, 0.68, head) if wide else (0.01, foot + 0.32 * (head - foot), 0.99, head)
@@ -90,17 +91,6 @@ def draw_close_up(canvas: Canvas, layout: CloseUpLayout, one: CloseUpData) -> No
     left, top = (0.69, head) if wide else (0.03, foot + 0.31 * (head - foot))
     _list_spots(overlay, one, left * size[0], top * size[1] - overlay.px(20))
     write_title(overlay, one.picture.title, one.picture.facts)
-    draw_legend(overlay, legend)
-
-
-def _legend(one: CloseUpData) -> Legend:
-    entries = (
-        ("spot that sticks", STATE_COLORS["sticking"]),
-        ("spot that slips", STATE_COLORS["sliding"]),
-        ("force on the particle, inside the cone of friction", INK),
-    )
-    # The list names the particle's state; a colour scale of numbers is needed.
-    return replace(one.picture.legend, entries=entries, total=0)
 
 
 def _color(utilisation: float) -> str:
@@ -121,30 +111,24 @@ def _draw_spots(view: Viewport, one: CloseUpData, layout: CloseUpLayout) -> None
         disc = pyvista.Cylinder(center=point, direction=normal, radius=radius, height=0.25 * radius, resolution=40)
         view.inner.add(disc, color=color, ambient=0.4)
         if spots.limit[k] > 0.0 and height > 2.0 * radius:
-            _add_cone(view, point, normal * height, float(spots.limit[k]) * per_newton, color)
-        _add_arrow(view, point, spots.force[k] * per_newton, 0.28 * smallest * view.scale)
-
-
-def _add_cone(view: Viewport, point: np.ndarray, axis: np.ndarray, radius: float, color: str) -> None:
-    """Draw a translucent cone with its tip at a point, and the rim of its base; `axis` (3,) leads from tip to base."""
-    # The direction of a pyvista cone leads from base to tip, and its centre lies half way.
-    height = float(np.linalg.norm(axis))
-    cone = pyvista.Cone(center=point + 0.5 * axis, direction=-axis, height=height, radius=radius, capping=False, resolution=60)
-    view.inner.add(cone, color=color, opacity=0.38, ambient=0.5, diffuse=0.5)
-    rim = pyvista.Polygon(center=point + axis, radius=radius, normal=axis, n_sides=60, fill=False)
-    view.inner.add(rim, color=color, lighting=False, line_width=3.5)
-
-
-def _add_arrow(view: Viewport, point: np.ndarray, vector: np.ndarray, shaft: float) -> None:
-    """Draw an arrow along a vector with a constant shaft radius; none where it would be a head only."""
-    length, head = float(np.linalg.norm(vector)), 5.0 * shaft
-    if length < 1.2 * head:
-        return
-    arrow = pyvista.Arrow(
-        start=point, direction=vector, tip_length=head / length, tip_radius=2.4 * shaft / length, tip_resolution=30,
-        shaft_radius=shaft / length, shaft_resolution=30, scale=length,
-    )  # fmt: skip
-    view.inner.add(arrow, color=INK, ambient=0.4)
+            # The direction of a pyvista cone leads from base to tip, and its centre lies half way.
+            axis, base = normal * height, float(spots.limit[k]) * per_newton
+            cone = pyvista.Cone(
+                center=point + 0.5 * axis, direction=-axis, height=float(np.linalg.norm(axis)), radius=base, capping=False,
+                resolution=60,
+            )  # fmt: skip
+            view.inner.add(cone, color=color, opacity=0.38, ambient=0.5, diffuse=0.5)
+            rim = pyvista.Polygon(center=point + axis, radius=base, normal=axis, n_sides=60, fill=False)
+            view.inner.add(rim, color=color, lighting=False, line_width=3.5)
+        # an arrow of constant shaft; none where it would be a head only
+        force, shaft = spots.force[k] * per_newton, 0.28 * smallest * view.scale
+        length, head = float(np.linalg.norm(force)), 5.0 * shaft
+        if length >= 1.2 * head:
+            arrow = pyvista.Arrow(
+                start=point, direction=force, tip_length=head / length, tip_radius=2.4 * shaft / length, tip_resolution=30,
+                shaft_radius=shaft / length, shaft_resolution=30, scale=length,
+            )  # fmt: skip
+            view.inner.add(arrow, color=INK, ambient=0.4)
 
 
 def _number_spots(view: Viewport, overlay: Overlay, one: CloseUpData, layout: CloseUpLayout) -> None:
@@ -161,7 +145,6 @@ def _number_spots(view: Viewport, overlay: Overlay, one: CloseUpData, layout: Cl
 
 
 def _disc_radius(overlay: Overlay) -> float:
-    """Return the radius of the disc of a contact's number [pixels]."""
     return 15.0 / 22.0 * overlay.text_height(22)
 
 
@@ -171,7 +154,6 @@ def _draw_number(overlay: Overlay, one: CloseUpData, k: int, x: float, y: float)
 
 
 def _list_spots(overlay: Overlay, one: CloseUpData, x: float, y: float) -> None:
-    """List the particle's state and its contacts."""
     overlay.text(one.name, x, y - overlay.px(20), 30, bold=True)
     overlay.disc(x + overlay.px(12), y - overlay.px(68), overlay.px(12), one.color)
     overlay.text(one.label or "no label", x + overlay.px(34), y - overlay.px(68), 26)

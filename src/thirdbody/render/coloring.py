@@ -12,9 +12,9 @@ import numpy as np
 from thirdbody.errors import InputError, nearest
 from thirdbody.palette import category_colors, field_colors, rgb, state_colors
 from thirdbody.trajectory.names import ARRAY_UNITS
-from thirdbody.trajectory.reader import Run
-from thirdbody.trajectory.rebuilt_spheres import rows_of
-from thirdbody.trajectory.state_groups import code_name
+from thirdbody.trajectory.read_blocks import rows_of
+from thirdbody.trajectory.run_file import RunFile
+from thirdbody.trajectory.states import code_name
 
 Arrays = dict[str, np.ndarray]
 
@@ -26,36 +26,24 @@ NUMBERED = ("population", "material")
 
 
 @dataclass(frozen=True)
-class LegendScale:
-    """Properties of a legend common to all frames of a film: the limits of the colour scale, or the codes."""
-
-    limits: tuple[float, float] | None = None
-    codes: frozenset[int] = frozenset()
-
-    def __or__(self, other: LegendScale) -> LegendScale:
-        limits = [scale.limits for scale in (self, other) if scale.limits is not None]
-        ends = (min(low for low, _ in limits), max(high for _, high in limits)) if limits else None
-        return LegendScale(ends, self.codes | other.codes)
-
-
-@dataclass(frozen=True)
 class Legend:
     """States with their colours and counts, and (when `limits` is set) the limits of a colour scale in `unit`.
 
     `codes` are those of the entries, `total` is the sum of the counts.
     """
 
-    title: str
+    title: str = ""
     entries: tuple[tuple[str, str], ...] = ()
     limits: tuple[float, float] | None = None
     unit: str = ""
     codes: tuple[int, ...] = ()
     total: int = 0
 
-    @property
-    def scale(self) -> LegendScale:
-        """Properties that other frames need for the same legend."""
-        return LegendScale(self.limits, frozenset(self.codes))
+    def __or__(self, other: Legend) -> Legend:
+        """Return what two frames of a film have in common: the limits of the colour scale, the codes."""
+        limits = [legend.limits for legend in (self, other) if legend.limits is not None]
+        ends = (min(low for low, _ in limits), max(high for _, high in limits)) if limits else None
+        return Legend(limits=ends, codes=tuple(sorted({*self.codes, *other.codes})))
 
 
 @dataclass(frozen=True)
@@ -80,7 +68,7 @@ class Coloring:
 
 
 def compute_coloring(
-    run: Run, frame: int, color: str, bodies: Arrays, spheres: Arrays, row: np.ndarray, scale: LegendScale
+    run: RunFile, frame: int, color: str, bodies: Arrays, spheres: Arrays, row: np.ndarray, scale: Legend
 ) -> Coloring:
     """Return the colours of one frame; `row` (S,) is the row of each sphere's body, `scale` that of the film or empty.
 
@@ -90,17 +78,30 @@ def compute_coloring(
     if name in bodies and (bodies[name].dtype == np.uint8 or name in NUMBERED):
         return _categories(run, name, bodies[name], row, scale.codes)
     contacts = run.contacts(frame) if run.has_contacts else {}
-    values = _field(name, color, bodies, spheres, contacts, row)
+    # `velocity_x` names a component
+    vector, axis = (name[:-2], "xyz".index(name[-1])) if name[-2:] in ("_x", "_y", "_z") else (name, -1)
+    if axis >= 0 and vector in bodies and bodies[vector].shape[1:] == (3,):  # a quaternion begins with w
+        values = bodies[vector][row, axis]
+    elif name in bodies:
+        values = _length(bodies[name][row])
+    elif name in spheres:
+        values = _length(spheres[name])
+    elif name in contacts and "body" in contacts:
+        values = _largest_of_contacts(contacts, _length(contacts[name]), bodies)[row]
+    else:
+        names = set(bodies) | set(spheres) | set(contacts)
+        known = (names | {short for short, long in ALIASES.items() if long in names}) - {"position"}
+        raise InputError(f"color: this run has no array '{color}'; {nearest(color, known)}")
     tubes = _length(contacts[name]) if name in contacts else None
-    known = values[np.isfinite(values)]
-    if tubes is not None:
-        known = np.concatenate([known, tubes[np.isfinite(tubes)]]) if name in bodies else known
-    limits = scale.limits or ((float(known.min()), float(known.max())) if len(known) else (0.0, 0.0))
-    unit = ARRAY_UNITS.get(color) or ARRAY_UNITS.get(_component(name)[0]) or run.header["units"].get(color, "")
-    return Coloring(values, Legend(_in_words(color), limits=limits, unit=unit.replace("1", "")), tubes=tubes)
+    finite = values[np.isfinite(values)]
+    if tubes is not None and name in bodies:
+        finite = np.concatenate([finite, tubes[np.isfinite(tubes)]])
+    limits = scale.limits or ((float(finite.min()), float(finite.max())) if len(finite) else (0.0, 0.0))
+    unit = ARRAY_UNITS.get(color) or ARRAY_UNITS.get(vector) or run.header["units"].get(color, "")
+    return Coloring(values, Legend(color.replace("_", " "), limits=limits, unit=unit.replace("1", "")), tubes=tubes)
 
 
-def _categories(run: Run, name: str, codes: np.ndarray, row: np.ndarray, shown_codes: frozenset[int]) -> Coloring:
+def _categories(run: RunFile, name: str, codes: np.ndarray, row: np.ndarray, shown_codes: tuple[int, ...]) -> Coloring:
     if name in ("state", "state_reason"):
         names = run.state_names if name == "state" else run.reason_names
     else:
@@ -111,41 +112,11 @@ def _categories(run: Run, name: str, codes: np.ndarray, row: np.ndarray, shown_c
     total = max(1, int(counts.sum()))
     # All states are shown, so that every picture of a run has the same legend; of other codes those that occur.
     shown = [code for code in range(len(names)) if name == "state" or counts[code] or code in shown_codes]
-    percent = 100.0 * counts / total
-    entries = tuple((f"{_in_words(names[code])}  {counts[code]}  ({percent[code]:.0f} %)", colors[code]) for code in shown)
-    title = {"state": "", "state_reason": "reason"}.get(name, _in_words(name))
+    words = [f"{names[code].replace('_', ' ')}  {counts[code]}  ({100.0 * counts[code] / total:.0f} %)" for code in shown]
+    entries = tuple((text, colors[code]) for text, code in zip(words, shown, strict=True))
+    title = {"state": "", "state_reason": "reason"}.get(name, name.replace("_", " "))
     palette = np.array([rgb(color) for color in colors], np.uint8)
     return Coloring(codes[row].astype(np.int64), Legend(title, entries, codes=tuple(shown), total=total), palette)
-
-
-def _in_words(name: str) -> str:
-    return name.replace("_", " ")
-
-
-def _field(name: str, given: str, bodies: Arrays, spheres: Arrays, contacts: Arrays, row: np.ndarray) -> np.ndarray:
-    """Return one value per sphere: its body's, its own, or the largest of its body's contacts.
-
-    Vectors by length, or a component: `velocity_x`.
-    """
-    vector, axis = _component(name)
-    if axis >= 0 and vector in bodies and bodies[vector].shape[1:] == (3,):  # a quaternion begins with w
-        return bodies[vector][row, axis]
-    if name in bodies:
-        values = bodies[name][row]
-    elif name in spheres:
-        values = spheres[name]
-    elif name in contacts and "body" in contacts:
-        values = _largest_of_contacts(contacts, _length(contacts[name]), bodies)[row]
-    else:
-        names = set(bodies) | set(spheres) | set(contacts)
-        known = (names | {short for short, long in ALIASES.items() if long in names}) - {"position"}
-        raise InputError(f"color: this run has no array '{given}'; {nearest(given, known)}")
-    return _length(values)
-
-
-def _component(name: str) -> tuple[str, int]:
-    """Return the vector and the axis that `velocity_x` names; other names without an axis, -1."""
-    return (name[:-2], "xyz".index(name[-1])) if name[-2:] in ("_x", "_y", "_z") else (name, -1)
 
 
 def _length(values: np.ndarray) -> np.ndarray:

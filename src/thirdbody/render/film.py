@@ -1,13 +1,16 @@
-"""Films of a run as GIF or MP4: selection of frames and encoding of pictures, which `layout` draws."""
+"""Films of a run as GIF or MP4: selection of frames, encoding of the pictures that `layout` draws, and progress."""
 
 import io
+import sys
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
 from thirdbody.errors import InputError, MissingLibrary
+from thirdbody.system.terminal import progress_bar
 
 # Quality of H.264: below 20 no loss is visible.
 QUALITY = "18"
@@ -17,38 +20,53 @@ GIF_COLORS, SAMPLED, ALMOST_WHITE = 256, 3, 247
 # Range of red, green and blue from which a pixel counts as coloured.
 COLORFUL = 40
 
+FilmReporter = Callable[[int, int], None]  # called with the number of pictures drawn and their total
+DRAWN = "thirdbody drew picture "  # prefix of the line that the drawing process prints for each picture, before its number
+
+
+@contextmanager
+def film_reporter(progress: bool | FilmReporter, title: str) -> Iterator[FilmReporter | None]:
+    """Yield the reporter for `progress` of a film: a callable itself; True: a bar on standard error, where it is a terminal."""
+    if progress is not True or not sys.stderr.isatty():
+        yield None if isinstance(progress, bool) else progress
+        return
+    from rich.progress import BarColumn, MofNCompleteColumn, TimeRemainingColumn
+
+    with progress_bar(title, None, BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()) as update:
+        yield lambda done, total: update(completed=done, total=total)
+
 
 def frame_numbers(text: str | None, count: int) -> list[int]:
     """Return the frames of `a:b:c`, as a Python slice: from a, before b, every c-th; all of `count` without text.
 
     Raises InputError for anything else, or when no frame is left.
     """
-    if text is None or not text.strip():
-        chosen = range(count)
-    else:
-        parts = text.split(":")
-        try:
-            numbers = [int(part) if part.strip() else None for part in parts]
-            if not 2 <= len(parts) <= 3:
-                raise ValueError
-            chosen = range(count)[slice(*numbers)]
-        except ValueError as error:
-            raise InputError(f"frames: '{text}' is not a:b or a:b:c (from a, before b, every c-th), such as 0:100:2") from error
+    text = (text or "").strip() or ":"
+    parts = text.split(":")
+    try:
+        numbers = [int(part) if part.strip() else None for part in parts]
+        if not 2 <= len(parts) <= 3:
+            raise ValueError
+        chosen = range(count)[slice(*numbers)]
+    except ValueError as error:
+        raise InputError(f"frames: '{text}' is not a:b or a:b:c (from a, before b, every c-th), such as 0:100:2") from error
     if not len(chosen):
-        raise InputError(f"frames: '{text or ':'}' leaves none of the {count} frames of this run")
+        raise InputError(f"frames: '{text}' leaves none of the {count} frames of this run")
     return list(chosen)
 
 
-def mp4(pictures: Iterator[np.ndarray], fps: int) -> bytes:
-    """Return an MP4 file (H.264, plays everywhere) of pictures (height, width, 3) uint8 with even sides.
-
-    Raises MissingLibrary when PyAV cannot be imported.
-    """
+def pyav() -> Any:
+    """Return the module that encodes MP4. Raises MissingLibrary without it."""
     try:
         import av
     except ImportError as error:
-        raise MissingLibrary(f"MP4 needs PyAV, which does not load here ({error}): pip install av, or name a .gif") from error
-    file = io.BytesIO()
+        raise MissingLibrary(f'MP4 needs PyAV ({error}): pip install "thirdbody[film]", or name a .gif') from error
+    return av
+
+
+def mp4(pictures: Iterator[np.ndarray], fps: int) -> bytes:
+    """Return an MP4 file (H.264, plays everywhere) of pictures (height, width, 3) uint8 with even sides."""
+    av, file = pyav(), io.BytesIO()
     with av.open(file, "w", format="mp4") as container:
         stream = container.add_stream("libx264", rate=fps, options={"crf": QUALITY, "preset": "veryfast"})
         stream.pix_fmt = "yuv420p"

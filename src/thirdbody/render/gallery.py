@@ -1,23 +1,35 @@
 """Gallery of bodies as a PNG file: the shapes of a scene's populations, or the fit of spheres to a mesh.
 
-The drawing (`gallery_drawing`) runs in a separate process, as for runs (`render`), which reads the bodies from a file.
+A second process (`elsewhere`) draws the bodies from a file, in parallel projection, so that one scale bar holds for all bodies of
+a group. The unit of length is the pixel.
 """
 
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from thirdbody.bodies.clump import Clump
-from thirdbody.render.render import STILLS, checked_output, draw_elsewhere, usable_windows
+from thirdbody.palette import INK, SOFT_INK, field_colors
+from thirdbody.render.elsewhere import draw_elsewhere
+from thirdbody.render.render import STILLS, checked_output
+from thirdbody.units import round_length, with_unit
 
-BODIES = 12
-"""Largest number of bodies drawn of one group."""
-GROUPS = 8
-"""Largest number of groups: more would make the picture too tall for a graphics card."""
+BODIES = 12  # largest number of bodies drawn of one group
+GROUPS = 8  # largest number of groups: more would make the picture too tall for a graphics card
+
+# Pixels.
+_WIDTH, _MARGIN, _TITLE, _HEADING, _LABEL, _GAP, _LEGEND = 1600, 40, 84, 92, 36, 34, 72
+_COLUMNS, _TALLEST = 6, 400
+# Fraction of its cell that the largest body fills.
+_FILL = 0.9
+_STEEL = "#9FB4CC"
+# Principal axes on the screen (rows: right, up, towards the viewer): the long axis mostly to the right, the short one
+# mostly to the viewer, turned by 30 degrees about the upright and 25 about the level axis so that all three show.
+_UPRIGHT, _LEVEL = np.radians(30.0), np.radians(25.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,33 +51,141 @@ def draw_gallery(groups: Sequence[Group], title: str, png: str | Path) -> Path:
     the system cannot draw.
     """
     png = checked_output(png, STILLS)
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "gallery.npz"
-        np.savez(file, title=title, **_packed(groups[:GROUPS]), more=max(0, len(groups) - GROUPS))
-        draw_elsewhere({"gallery": str(file), "file": str(png)}, usable_windows())
-    return png
-
-
-def _packed(groups: Sequence[Group]) -> dict[str, Any]:
-    """Return the groups as plain arrays, with the drawn bodies only."""
-    packed: dict[str, Any] = {"count": len(groups)}
-    for g, group in enumerate(groups):
+    packed: dict[str, Any] = {"title": title, "count": min(len(groups), GROUPS), "more": max(0, len(groups) - GROUPS)}
+    for g, group in enumerate(groups[:GROUPS]):
         shown = group.clumps[: 1 if _all_alike(group.clumps) else BODIES]
         packed[f"{g}.words"] = np.array([group.heading, group.facts])
-        packed[f"{g}.bodies"] = len(shown)
+        packed[f"{g}.diameters"] = [body.diameter for body in shown]
         if group.vertices is not None and group.faces is not None:
             packed[f"{g}.vertices"], packed[f"{g}.faces"] = group.vertices, group.faces
         for b, body in enumerate(shown):
             packed[f"{g}.{b}"] = np.column_stack((body.centers, body.radii))
-            packed[f"{g}.{b}.diameter"] = body.diameter
-    return packed
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "gallery.npz"
+        np.savez(file, **packed)
+        draw_elsewhere(__name__, {"gallery": str(file), "file": str(png)})
+    return png
 
 
 def _all_alike(clumps: Sequence[Clump]) -> bool:
-    """Return whether all bodies have one shape, in one size or in several."""
     first = clumps[0]
     return all(
         body is first
         or (len(body.radii) == len(first.radii) and np.allclose(body.centers / body.diameter, first.centers / first.diameter))
         for body in clumps
     )
+
+
+class _Cell(NamedTuple):
+    """Cell of one body: its spheres, its mesh or both, and the text below."""
+
+    body: int
+    spheres: bool
+    mesh: bool
+    words: str
+
+
+class _Block:
+    """Layout of one group: its cells, their size and scale [pixels]; `top` is set when the picture's height is known."""
+
+    def __init__(self, packed: Any, g: int):
+        self.heading, self.facts = (str(words) for words in packed[f"{g}.words"])
+        self.diameters = packed[f"{g}.diameters"].tolist()
+        self.spheres = [packed[f"{g}.{b}"] for b in range(len(self.diameters))]
+        self.vertices = on_screen(packed[f"{g}.vertices"]) if f"{g}.vertices" in packed else None
+        self.faces = packed[f"{g}.faces"] if f"{g}.faces" in packed else None
+        if self.vertices is None:
+            counts = [f"{len(spheres)} sphere{'s' * (len(spheres) > 1)}" for spheres in self.spheres]
+            sizes = [with_unit(diameter, "m") for diameter in self.diameters]
+            self.cells = [_Cell(b, True, False, f"{sizes[b]}, {count}") for b, count in enumerate(counts)]
+        else:
+            words = "mesh", "mesh over spheres", f"{len(self.spheres[0])} spheres"
+            self.cells = [_Cell(0, k > 0, k < 2, text) for k, text in enumerate(words)]
+        self.columns = min(_COLUMNS, len(self.cells))
+        rows = -(-len(self.cells) // self.columns)
+        self.wide = (_WIDTH - 2 * _MARGIN) / self.columns
+        span = np.max([high - low for low, high in map(self.box, self.cells)], axis=0)
+        tallest = min(self.wide, _TALLEST if len(self.cells) > 1 else 0.6 * _TALLEST)
+        self.scale = _FILL * float(min(self.wide / span[0], tallest / span[1]))
+        self.tall = float(span[1]) * self.scale + 0.1 * tallest
+        self.height, self.top = _HEADING + rows * (self.tall + _LABEL) + _GAP, 0.0
+
+    def box(self, cell: _Cell) -> tuple[np.ndarray, np.ndarray]:
+        """Return the corners (2,) of a cell's content on the screen [m]; the same for all views of a mesh."""
+        spheres = self.spheres[cell.body]
+        flat = on_screen(spheres[:, :3])[:, :2]
+        low, high = (flat - spheres[:, 3:]).min(axis=0), (flat + spheres[:, 3:]).max(axis=0)
+        if self.vertices is not None:
+            points = self.vertices[:, :2]
+            low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
+        return low, high
+
+    def middle(self, number: int) -> tuple[float, float]:
+        """Return the centre of a cell [pixels]."""
+        row, column = divmod(number, self.columns)
+        return _MARGIN + (column + 0.5) * self.wide, self.top - _HEADING - row * (self.tall + _LABEL) - 0.5 * self.tall
+
+
+def on_screen(points: np.ndarray) -> np.ndarray:
+    """Return points (n, 3) of a clump's frame as right, up, towards the viewer."""
+    cu, su, cl, sl = np.cos(_UPRIGHT), np.sin(_UPRIGHT), np.cos(_LEVEL), np.sin(_LEVEL)
+    upright = np.array([[cu, 0.0, su], [0.0, 1.0, 0.0], [-su, 0.0, cu]])
+    level = np.array([[1.0, 0.0, 0.0], [0.0, cl, -sl], [0.0, sl, cl]])
+    return points @ (level @ upright).T
+
+
+def draw(job: dict[str, str]) -> None:
+    """Draw the bodies in the file that `draw_gallery` wrote, in the second process. Raises OSError like `open`."""
+    from thirdbody.render.canvas import Canvas, Overlay, save_png
+    from thirdbody.render.coloring import Legend
+    from thirdbody.render.layout import draw_legend
+
+    with np.load(job["gallery"]) as packed:
+        blocks = [_Block(packed, g) for g in range(int(packed["count"]))]
+        title, more = str(packed["title"]), int(packed["more"])
+    height = int(_TITLE + sum(block.height for block in blocks) + _LEGEND)
+    ratios = np.concatenate([2.0 * s[:, 3] / d for block in blocks for s, d in zip(block.spheres, block.diameters, strict=True)])
+    low, high = float(ratios.min()), float(ratios.max())
+    limits = (low, high) if high - low > 1e-3 * high else (0.0, high)  # apart even if all are equal
+    with Canvas((_WIDTH, height), views=1) as canvas:
+        pane, overlay = canvas.add_view((0.0, 0.0, 1.0, 1.0))[0], Overlay(canvas, reference=height)
+        pane.show_pixels()
+        top = float(height - _TITLE)
+        for block in blocks:
+            block.top = top
+            _draw_block(pane, overlay, block, limits)
+            top -= block.height
+        overlay.text(title, _MARGIN, height - 44, 34, bold=True)
+        if more:
+            overlay.text(f"{more} more not drawn", _WIDTH - _MARGIN, height - 44, 24, align="right")
+        draw_legend(overlay, Legend("radius of a sphere over the equivalent radius of its body", limits=limits))
+        save_png(canvas.pixels(), Path(job["file"]))
+
+
+def _draw_block(pane: Any, overlay: Any, block: _Block, limits: tuple[float, float]) -> None:
+    import pyvista
+
+    from thirdbody.render.canvas import GLOSSY, rectangle
+
+    overlay.text(block.heading, _MARGIN, block.top - 22, 28, bold=True)
+    overlay.text(block.facts, _MARGIN, block.top - 58, 22, SOFT_INK)
+    # scale bar at the right of the heading
+    length = round_length(180.0 / block.scale)
+    right, y, wide = _WIDTH - _MARGIN, block.top - 52, length * block.scale
+    for x0, x1, half in ((right - wide, right, 2.5), (right - wide, right - wide + 3, 9.0), (right - 3, right, 9.0)):
+        overlay.polygon(rectangle(x0, y - half, x1, y + half), INK)
+    overlay.text(with_unit(length, "m"), right - 0.5 * wide, y + 28, 22, align="center")
+    for number, cell in enumerate(block.cells):
+        x, y = block.middle(number)
+        low, high = block.box(cell)
+        shift = np.array([x, y, 0.0]) - np.array([*(0.5 * (low + high)), 0.0]) * block.scale
+        if cell.spheres:
+            spheres = block.spheres[cell.body]
+            ratio = 2.0 * spheres[:, 3] / block.diameters[cell.body]
+            colors = field_colors((ratio - limits[0]) / (limits[1] - limits[0]))
+            pane.add_spheres(on_screen(spheres[:, :3]) * block.scale + shift, spheres[:, 3] * block.scale, colors)
+        if cell.mesh and block.vertices is not None and block.faces is not None:
+            mesh = pyvista.PolyData.from_regular_faces(block.vertices * block.scale + shift, block.faces)
+            smooth = mesh.compute_normals(feature_angle=30.0, split_vertices=True, cell_normals=False)
+            pane.add(smooth, color=_STEEL, opacity=0.45 if cell.spheres else 1.0, culling="back", **GLOSSY)
+        overlay.text(cell.words, x, y - 0.5 * block.tall - 0.45 * _LABEL, 20, SOFT_INK, align="center")

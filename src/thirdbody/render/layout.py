@@ -1,28 +1,35 @@
 """Layout and drawing of the picture of one frame: the whole, a close-up of a part, title, facts and legend.
 
-Runs in a separate process (`render`): VTK may crash where it cannot draw.
+Runs in a separate process (`elsewhere`): VTK may crash where it cannot draw.
 """
 
-from collections.abc import Iterable
+import math
+import re
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
-from thirdbody.palette import INK, PANEL, SOFT_INK, rgb
-from thirdbody.render.canvas import Canvas, Rectangle
-from thirdbody.render.legend import draw_legend, legend_height
-from thirdbody.render.overlay import Overlay, rectangle
-from thirdbody.render.picture_data import PictureData, Window, close_up_window, slice_window
+from thirdbody.palette import INK, PANEL, SOFT_INK, field_colors, rgb
+from thirdbody.render.canvas import Canvas, Overlay, Rectangle, rectangle
+from thirdbody.render.coloring import Legend
+from thirdbody.render.picture_data import PictureData, Window
 from thirdbody.render.viewport import ARROW, Viewport
+from thirdbody.units import prefix_for, ticks, with_unit
 
-HEADING = 118.0
-"""Height of title and facts in a picture 900 pixels high."""
+HEADING = 118.0  # height of title and facts in a picture 900 pixels high
+_SCALE_LABEL = 36.0  # height of the label below a scale bar in such a picture
+# Of the legend: height of its lowest row, its distance to the left edge, space between its items.
+_LOWEST, _LEFT, _SPACE = 48.0, 32.0, 48.0
+_STRIPS = 128
 
-_SCALE_LABEL = 36.0
-"""Height of the label below a scale bar in such a picture."""
-
+# Camera position for the whole, for the whole next to a close-up, and for a close-up; all from the front left.
 _ALONE, _BESIDE, _CLOSE = (-0.42, -0.85, 0.5), (-0.42, -0.80, 0.80), (-0.40, -0.85, 0.60)
-"""Camera position for the whole, for the whole next to a close-up, and for a close-up; all from the front left."""
+_CLOSE_UP_BODIES = 60  # number of bodies, about, that can be distinguished in a close-up
+_WITHOUT_CLOSE_UP = 150  # up to this number of bodies the view of the whole is close enough
+_WIDEST_SLICE = 0.8  # a slice wider than this fraction of the domain, as one of a deep bed, would show the whole again
 
 
 @dataclass(frozen=True)
@@ -62,12 +69,45 @@ def compute_layout(frames: Iterable[PictureData], size: tuple[int, int], view: s
         middle, half = 0.5 * (low + high), 0.5 * zoom * (high - low)
         low[:2], high[:2] = (middle - half)[:2], (middle + half)[:2]
         high[2] = last.plate_height_over(low, high)
-    elif view in ("side", "front"):
-        close_up = slice_window(last, 0 if view == "side" else 1)
     else:
-        close_up = close_up_window(last)
+        close_up = close_up_window(last, view)
     height = last.plate_height_over(*close_up) if close_up else high[2]
     return Layout(size, view, low, high, np.array(directions).reshape(-1, 2), close_up, height, full_scale)
+
+
+def close_up_window(data: PictureData, view: str = "iso") -> Window | None:
+    """Return the part to enlarge, where states mix most; None for few bodies.
+
+    About 60 bodies; from the side or the front a dozen along the view and few deep, and None for a bed so deep that this would be
+    nearly the whole.
+    """
+    count, extent = len(data.bodies), data.high - data.low
+    if count <= _WITHOUT_CLOSE_UP:
+        return None
+    if view not in ("side", "front"):
+        side = math.sqrt(_CLOSE_UP_BODIES / count * extent[0] * extent[1])
+        # Deeper than wide: seen at an angle it then fills a square panel.
+        half, counts = np.minimum(0.5 * side * np.array([0.85, 1.0 / 0.85]), 0.5 * extent[:2]), (9, 7)
+    else:
+        along = 0 if view == "side" else 1
+        half, counts = np.empty(2), (12, 12)
+        half[along] = min(5.0 * extent[2], 0.5 * extent[along])
+        half[1 - along] = min(1.2 * extent[2], 0.5 * extent[1 - along])
+        if 2.0 * half[along] > _WIDEST_SLICE * extent[along]:
+            return None
+    ends = zip(data.low[:2] + half, data.high[:2] - half, counts, strict=True)
+    points = (np.array(point) for point in product(*(np.linspace(low, high, n) for low, high, n in ends)))
+    middle = max(points, key=lambda point: _mixture(data, point - half, point + half))
+    return middle - half, middle + half
+
+
+def _mixture(data: PictureData, low: np.ndarray, high: np.ndarray) -> float:
+    """Return the entropy of the states in a window, Shannon (1948); of equal windows the one with more bodies ranks higher."""
+    counts = np.bincount(data.codes[data.bodies_inside(low, high)]).astype(np.float64)
+    if not counts.sum():
+        return -1.0
+    fractions = counts[counts > 0] / counts.sum()
+    return float(-(fractions * np.log(fractions)).sum()) + 1e-3 * min(1.0, counts.sum() / _CLOSE_UP_BODIES)
 
 
 def add_direction(directions: list[np.ndarray], direction: np.ndarray) -> None:
@@ -79,7 +119,7 @@ def add_direction(directions: list[np.ndarray], direction: np.ndarray) -> None:
 def draw_picture(canvas: Canvas, layout: Layout, data: PictureData) -> None:
     """Draw the whole picture of a frame."""
     size, overlay = layout.size, Overlay(canvas)
-    foot = legend_height(overlay, data.legend, layout.full_scale) / size[1]
+    foot = draw_legend(overlay, data.legend, layout.full_scale) / size[1]
     head = 1.0 - overlay.px(HEADING) / size[1]
     areas = _viewports(layout, foot, head, overlay.px(_SCALE_LABEL) / size[1])
     view = Viewport(canvas, data, areas[0], (layout.low, layout.high), layout.view)
@@ -89,9 +129,12 @@ def draw_picture(canvas: Canvas, layout: Layout, data: PictureData) -> None:
         view.add_tubes(layout.full_scale)
     finish_view(view, overlay, _BESIDE if layout.close_up else _ALONE, layout.directions)
     if layout.close_up:
-        _add_close_up(canvas, data, overlay, layout, areas[1])
+        heights = (layout.low[2], layout.close_up_height)
+        low, high = (np.array([*corner, z]) for corner, z in zip(layout.close_up, heights, strict=True))
+        close = Viewport(canvas, data, _add_panel(canvas, overlay, areas[1], "close-up"), (low, high), layout.view)
+        close.add_tubes(layout.full_scale)
+        finish_view(close, overlay, _CLOSE)
     write_title(overlay, data.title, data.facts)
-    draw_legend(overlay, data.legend, layout.full_scale)
 
 
 def _viewports(layout: Layout, foot: float, head: float, label: float) -> list[Rectangle]:
@@ -126,15 +169,6 @@ def finish_view(view: Viewport, overlay: Overlay, iso: tuple[float, float, float
         overlay.text(arrow[1], x, y + overlay.px(6) + half, 24, ARROW, align="center", bold=True)
 
 
-def _add_close_up(canvas: Canvas, data: PictureData, overlay: Overlay, layout: Layout, area: Rectangle) -> None:
-    assert layout.close_up is not None
-    heights = (layout.low[2], layout.close_up_height)
-    low, high = (np.array([*corner, z]) for corner, z in zip(layout.close_up, heights, strict=True))
-    view = Viewport(canvas, data, _add_panel(canvas, overlay, area, "close-up"), (low, high), layout.view)
-    view.add_tubes(layout.full_scale)
-    finish_view(view, overlay, _CLOSE)
-
-
 def _add_panel(canvas: Canvas, overlay: Overlay, area: Rectangle, heading: str) -> Rectangle:
     """Draw a framed panel with a heading; return the area inside that is free for a view."""
     size = canvas.size
@@ -153,3 +187,94 @@ def write_title(overlay: Overlay, title: str, facts: str) -> None:
     if title:
         overlay.text(title, left, tall - overlay.px(40), overlay.fitting(title, 36, width, bold=True), INK, bold=True)
     overlay.text(facts, left, tall - overlay.px(88), overlay.fitting(facts, 26, width), SOFT_INK)
+
+
+class _Item(NamedTuple):
+    """Item of the legend: its width, and its drawing function at a position, all in pixels."""
+
+    wide: float
+    draw: Callable[[float, float], None]
+
+
+def draw_legend(overlay: Overlay, legend: Legend, full_scale: float = 0.0) -> float:
+    """Draw along the lower edge states and their colours or a colour scale, and the key of the forces.
+
+    `full_scale` [N] is the force of the thickest tube, 0 without tubes. Return its height, including its distance to the edge
+    [pixels].
+    """
+    rows = _rows(overlay, legend, full_scale)
+    pitch = 44.0 if legend.limits is None else 62.0  # a colour scale has numbers below it
+    for number, row in enumerate(reversed(rows)):
+        x, y = overlay.px(_LEFT), overlay.px(_LOWEST + pitch * number)
+        for item in row:
+            item.draw(x, y)
+            x += item.wide + overlay.px(_SPACE)
+    return overlay.px(_LOWEST + pitch * (len(rows) - 1) + 44.0)
+
+
+def _rows(overlay: Overlay, legend: Legend, full_scale: float) -> list[list[_Item]]:
+    items = []
+    if legend.limits is not None:
+        items.append(_scale(overlay, legend, 0.32 * overlay.size[0]))
+    elif legend.title and legend.entries:
+        items.append(_Item(overlay.width_of(legend.title, 28), lambda x, y: overlay.text(legend.title, x, y, 28)))
+    items += [_state(overlay, words, color, legend.total) for words, color in legend.entries]
+    if full_scale > 0.0:
+        items.append(_force_key(overlay, full_scale))
+    rows: list[list[_Item]] = [[]]
+    left = width = overlay.size[0] - 2.0 * overlay.px(_LEFT)
+    for item in items:
+        if rows[-1] and item.wide > left:
+            rows.append([])
+            left = width
+        rows[-1].append(item)
+        left -= item.wide + overlay.px(_SPACE)
+    return rows
+
+
+def _state(overlay: Overlay, words: str, color: str, total: int) -> _Item:
+    # As wide as the largest count, so that nothing moves in a film when a count gains a digit.
+    widest = re.sub(r"  \d+  \(\d+ %\)$", f"  {'0' * len(str(total))}  (00 %)", words)
+
+    def draw(x: float, y: float) -> None:
+        overlay.disc(x + overlay.px(13), y, overlay.px(13), color)
+        overlay.text(words, x + overlay.px(36), y, 28)
+
+    return _Item(overlay.px(36) + overlay.width_of(widest, 28), draw)
+
+
+def _scale(overlay: Overlay, legend: Legend, wide: float) -> _Item:
+    """Return a colour bar with round numbers below it."""
+    assert legend.limits is not None
+    low, high = legend.limits
+    factor, unit = prefix_for(max(abs(low), abs(high)), legend.unit)
+    title = legend.title + (f", {unit}" if unit else "")
+    before = overlay.width_of(title, 28) + overlay.px(36)
+
+    def draw(x: float, y: float) -> None:
+        overlay.text(title, x, y, 28)
+        left, tall, middle = x + before, overlay.px(12), y + overlay.px(10)
+        edges = np.linspace(left, left + wide, _STRIPS + 1)
+        strips = np.array([rectangle(a, middle - tall, b, middle + tall) for a, b in zip(edges, edges[1:], strict=False)])
+        overlay.pane.add_polygons(strips, field_colors((np.arange(_STRIPS) + 0.5) / _STRIPS))
+        for value in ticks(low * factor, high * factor):
+            fraction = (value - low * factor) / ((high - low) * factor) if high > low else 0.5
+            x, foot, half = left + fraction * wide, middle - tall, overlay.px(1.2)
+            overlay.polygon(rectangle(x - half, foot - overlay.px(7), x + half, foot), INK)
+            overlay.text(f"{value:.6g}", x, foot - overlay.px(20), 24, align="center")
+
+    return _Item(before + wide, draw)
+
+
+def _force_key(overlay: Overlay, full_scale: float) -> _Item:
+    """Return a wedge from zero to the largest force: in perspective no single thickness could be shown."""
+    words, largest = "contact force  0", with_unit(full_scale, "N")
+    before, wedge = overlay.width_of(words, 28) + overlay.px(14), overlay.px(120)
+
+    def draw(x: float, y: float) -> None:
+        overlay.text(words, x, y, 28)
+        a, b, tall = x + before, x + before + wedge, overlay.px(10)
+        overlay.polygon(np.array([[a, y], [b, y - tall], [b, y + tall]]), INK)
+        overlay.text(largest, b + overlay.px(14), y, 28)
+
+    return _Item(before + wedge + overlay.px(14) + overlay.width_of(largest, 28), draw)

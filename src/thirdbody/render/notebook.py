@@ -7,23 +7,22 @@ from pathlib import Path
 
 from thirdbody.errors import ThirdbodyError
 from thirdbody.palette import state_colors
-from thirdbody.trajectory.reader import Run
+from thirdbody.render import render
+from thirdbody.trajectory.run_file import RunFile
 from thirdbody.units import percent, quantity_text
 
-SIZE = (960, 540)
-"""Size of the picture [pixels]."""
+SIZE = (960, 540)  # size of the picture [pixels]
 
 
-def run_html(run: Run) -> str:
+def run_html(run: RunFile) -> str:
     """Return table and picture as self-contained HTML; where drawing fails one sentence gives the reason."""
     left = 'style="text-align:left"'
     rows = "".join(f"<tr><th {left}>{escape(name)}</th><td {left}>{text}</td></tr>" for name, text in _rows(run))
     title = escape(str(run.header.get("title") or run.path.parent.name))
-    return f"<div><b>{title}</b><table>{rows}</table>{_picture(run)}</div>"
+    return f"<div><b>{title}</b><table>{rows}</table>{_picture(run) if run.frames else ''}</div>"
 
 
-def _rows(run: Run) -> list[tuple[str, str]]:
-    """Return names and values, the values as HTML."""
+def _rows(run: RunFile) -> list[tuple[str, str]]:
     figures = run.summary()
     end = "yes" if figures["finished"] and not figures.get("stopped") else escape(str(figures.get("stopped") or "no"))
     rows = [("run", escape(str(run.path.parent))), ("finished", end), ("frames", str(figures["frames"]))]
@@ -34,28 +33,21 @@ def _rows(run: Run) -> list[tuple[str, str]]:
         rows += [("sliding distance", quantity_text(figures["distance"], "m"))]
         rows += [("friction coefficient", escape(str(run.friction)))]
     if "fractions" in figures:
-        rows += [("states at the end", _states(figures["fractions"]))]
+        colored = zip(figures["fractions"].items(), state_colors(list(figures["fractions"])), strict=True)
+        states = [
+            f'<span style="color:{color}">&#9632;</span> {escape(name)} {percent(fraction)}'
+            for (name, fraction), color in colored if fraction > 0.0
+        ]  # fmt: skip
+        rows += [("states at the end", ", ".join(states))]
     if figures.get("energy_residual") is not None:
         rows += [("energy residual", f"{figures['energy_residual']:.1e} of the work")]
     return rows + [("warning", escape(text)) for text in figures["warnings"]]
 
 
-def _states(fractions: dict[str, float]) -> str:
-    colors = dict(zip(fractions, state_colors(list(fractions)), strict=True))
-    present = [(name, fraction) for name, fraction in fractions.items() if fraction > 0.0]
-    return ", ".join(
-        f'<span style="color:{colors[name]}">&#9632;</span> {escape(name)} {percent(fraction)}' for name, fraction in present
-    )
-
-
-def _picture(run: Run) -> str:
-    from thirdbody.render.render import render
-
-    if not run.frames:
-        return ""
+def _picture(run: RunFile) -> str:
     with tempfile.TemporaryDirectory() as folder:
         try:
-            content = render(run.path, Path(folder) / "run.png", size=SIZE).read_bytes()
+            content = render.render(run.path, Path(folder) / "run.png", size=SIZE).read_bytes()
         except ThirdbodyError as problem:
             return f"<p>No picture: {escape(str(problem))}</p>"
     code = base64.b64encode(content).decode("ascii")

@@ -1,40 +1,45 @@
-"""Data of a picture, read from a run: wrapped spheres, colours, plates, title and legend. No drawing here."""
+"""Data of a picture, read from a run: wrapped spheres, colours, plates, force tubes, title and legend, and those of a close-up.
+
+No drawing here.
+"""
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from itertools import product
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from thirdbody.errors import InputError
-from thirdbody.render.coloring import Arrays, Legend, LegendScale, compute_coloring
-from thirdbody.render.force_tubes import Tubes, force_tubes
-from thirdbody.render.surface_mesh import PlateSurface, Touching, read_plate_surfaces
-from thirdbody.trajectory.names import LOWER_PLATE
-from thirdbody.trajectory.reader import Run
-from thirdbody.trajectory.rebuilt_spheres import rows_of
-from thirdbody.trajectory.state_groups import code_name
+from thirdbody.palette import STATE_COLORS, pale, rgb
+from thirdbody.render.coloring import Arrays, Coloring, Legend, compute_coloring
+from thirdbody.render.surfaces import PlateSurface, Touching, read_plate_surfaces, read_touching
+from thirdbody.trajectory.read_blocks import rows_of
+from thirdbody.trajectory.run_file import RunFile
+from thirdbody.trajectory.sampling import ELSEWHERE
+from thirdbody.trajectory.states import code_name
 from thirdbody.units import quantity_text, with_unit
 
-Window = tuple[np.ndarray, np.ndarray]
-"""Lowest and highest corner (2,) of a part of the domain [m]."""
+Window = tuple[np.ndarray, np.ndarray]  # lowest and highest corner (2,) of a part of the domain [m]
+MAX_COORDINATE = 1e6  # largest coordinate, or radius, of any drawn object [m]
+FREE_SCALE = Legend()  # scale of a single picture: its colour scale follows from its frame
+# Colour of tubes (darker ones show no roundness), and the percentage of forces that are thinner than the thickest tube.
+TUBE, COMMON = "#3C424B", 99.0
+UNLABELLED = "#5A626C"
 
-MAX_COORDINATE = 1e6
-"""Largest coordinate, or radius, of any drawn object [m]."""
 
-VIEWS = ("iso", "side", "front", "top")
-"""Names of the camera's positions."""
+@dataclass(frozen=True)
+class Tubes:
+    """Segments `start`, `end` (T, 3) [m] with `force` (T,) [N] and `colors` (T, 3); `body` (T,) is the row of its body.
 
-FREE_SCALE = LegendScale()
-"""Scale of a single picture: its colour scale follows from its frame."""
+    `full_scale` is the force of the thickest tube; few larger ones are drawn no thicker.
+    """
 
-_CLOSE_UP_BODIES = 60
-"""Number of bodies, about, that can be distinguished in a close-up."""
-_WITHOUT_CLOSE_UP = 150
-"""Up to this number of bodies the view of the whole is close enough."""
-_WIDEST_SLICE = 0.8
-"""A slice wider than this fraction of the domain, as one of a deep bed, would show the whole again."""
+    start: np.ndarray
+    end: np.ndarray
+    force: np.ndarray
+    colors: np.ndarray
+    body: np.ndarray
+    full_scale: float
 
 
 @dataclass(frozen=True)
@@ -68,13 +73,13 @@ class PictureData:
     surfaces: Mapping[str, PlateSurface] = field(default_factory=dict)
     touching: Touching | None = None
 
-    def inside(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-        """Return the spheres (S,), bool, of bodies with centres in the window from `low` to `high` (x, y)."""
-        return self.bodies_inside(low, high)[self.body]
-
     def bodies_inside(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Return the bodies (B,), bool, with centres in the window from `low` to `high` (x, y)."""
         return np.all((self.bodies[:, :2] >= low[:2]) & (self.bodies[:, :2] <= high[:2]), axis=1)
+
+    def inside(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Return the spheres (S,), bool, of these bodies."""
+        return self.bodies_inside(low, high)[self.body]
 
     def plate_height_over(self, low: np.ndarray, high: np.ndarray) -> float:
         """Return the height at which the upper plate is drawn over a window [m].
@@ -91,7 +96,7 @@ class PictureData:
         return np.asarray(points[:, 2] + (upper.heights(points[:, 0], points[:, 1]) if upper else 0.0))
 
 
-def read_picture_data(run: Run, frame: int, color: str, forces: bool = False, scale: LegendScale = FREE_SCALE) -> PictureData:
+def read_picture_data(run: RunFile, frame: int, color: str, forces: bool = False, scale: Legend = FREE_SCALE) -> PictureData:
     """Return the data of the picture of one frame, optionally with contact forces; `scale` is that of its film.
 
     Raises IndexError for the frame, InputError for an unknown array.
@@ -101,9 +106,11 @@ def read_picture_data(run: Run, frame: int, color: str, forces: bool = False, sc
     refuse_lost(run, frame, bodies, spheres)
     row = rows_of(bodies, spheres["clump"])
     low, high = _bounds(run, bodies, spheres, plates)
-    shift = _wrap_shift(run, bodies["position"])
+    period = _period(run)
+    shift = np.zeros_like(bodies["position"])  # wraps each body's centre into a periodic domain; bodies stay whole
+    if period is not None:
+        shift[:, :2] = np.floor(bodies["position"][:, :2] / period) * period
     coloring = compute_coloring(run, frame, color, bodies, spheres, row, scale)
-    size, periodic = domain_of(run)
     return PictureData(
         centers=spheres["position"] - shift[row],
         radii=np.asarray(spheres["radius"], np.float64),
@@ -122,21 +129,13 @@ def read_picture_data(run: Run, frame: int, color: str, forces: bool = False, sc
         legend=coloring.legend,
         ids=bodies["id"] if "id" in bodies else np.arange(len(shift)),
         labels=_labels(run, bodies),
-        tubes=force_tubes(run.contacts(frame), bodies, shift, size if periodic else None, coloring) if forces else None,
+        tubes=force_tubes(run.contacts(frame), bodies, shift, period, coloring) if forces else None,
         surfaces=read_plate_surfaces(run, frame),
-        touching=_touching(run, frame, bodies, shift) if "lower" in run.surfaces else None,
+        touching=read_touching(run, frame, bodies, shift) if "lower" in run.surfaces else None,
     )
 
 
-def _touching(run: Run, frame: int, bodies: Arrays, shift: np.ndarray) -> Touching:
-    """Return the loaded contacts with the lower plate."""
-    contacts = run.block("contacts", frame)
-    chosen = (contacts["partner"] == LOWER_PLATE) & (contacts["normal_force"] > 0.0)
-    row = rows_of(bodies, contacts["body"][chosen])
-    return Touching(contacts["position"][chosen] - shift[row], contacts["contact_radius"][chosen], row)
-
-
-def refuse_lost(run: Run, frame: int, bodies: Arrays, spheres: Arrays) -> None:
+def refuse_lost(run: RunFile, frame: int, bodies: Arrays, spheres: Arrays) -> None:
     """Raise InputError for a frame with a body without a valid position, as a damaged file may hold it."""
     for what, values in (("body", bodies["position"]), ("sphere", spheres["position"]), ("sphere", spheres["radius"][:, None])):
         lost = np.flatnonzero(~np.all(np.abs(values) <= MAX_COORDINATE, axis=1))  # includes NaN
@@ -147,7 +146,7 @@ def refuse_lost(run: Run, frame: int, bodies: Arrays, spheres: Arrays) -> None:
         raise InputError(f"{run.path}: frame {frame} cannot be drawn: sphere {int(np.argmin(spheres['radius']))} has no radius")
 
 
-def _labels(run: Run, bodies: Arrays) -> tuple[str, ...]:
+def _labels(run: RunFile, bodies: Arrays) -> tuple[str, ...]:
     """Return state, reason and, if there are several, population of each body in words; none without a labeller."""
     if "state" not in bodies:
         return ()
@@ -161,30 +160,25 @@ def _labels(run: Run, bodies: Arrays) -> tuple[str, ...]:
     return tuple(words)
 
 
-def domain_of(run: Run) -> tuple[np.ndarray | None, bool]:
-    """Return the size (2,) of the domain [m], None without, and whether it is periodic."""
+def _domain(run: RunFile) -> np.ndarray | None:
+    """Return the size (2,) of the domain [m], None without."""
     domain = run.header.get("domain")
     if not domain:
-        return None, False
+        return None
     try:
-        return np.asarray(domain["size"], np.float64), bool(domain.get("periodic", True))
+        return np.asarray(domain["size"], np.float64)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{run.path}: damaged: its scene names no size of the domain ({error!r})") from error
 
 
-def _wrap_shift(run: Run, position: np.ndarray) -> np.ndarray:
-    """Return the vectors (B, 3) to subtract so that each body's centre lies in the periodic domain; bodies stay whole."""
-    size, periodic = domain_of(run)
-    shift = np.zeros_like(position)
-    if periodic and size is not None:
-        shift[:, :2] = np.floor(position[:, :2] / size) * size
-    return shift
+def _period(run: RunFile) -> np.ndarray | None:
+    """Return the size (2,) of a periodic domain [m], None without."""
+    size = _domain(run)
+    return size if size is not None and run.header["domain"].get("periodic", True) else None
 
 
-def _bounds(run: Run, bodies: Arrays, spheres: Arrays, plates: np.ndarray) -> Window:
-    """Return the lowest and highest corner of the space between the plates."""
-    size, periodic = domain_of(run)
-    radius = spheres["radius"][:, None]
+def _bounds(run: RunFile, bodies: Arrays, spheres: Arrays, plates: np.ndarray) -> Window:
+    size, radius = _domain(run), spheres["radius"][:, None]
     if len(radius):
         low, high = (spheres["position"] - radius).min(axis=0), (spheres["position"] + radius).max(axis=0)
     else:
@@ -193,7 +187,7 @@ def _bounds(run: Run, bodies: Arrays, spheres: Arrays, plates: np.ndarray) -> Wi
         low[:2], high[:2] = 0.0, size
     elif len(plates):
         low[:2], high[:2] = plates[:4, :2].min(axis=0), plates[:4, :2].max(axis=0)
-    if not periodic and len(radius):
+    if _period(run) is None and len(radius):
         # Bodies that left the plates are shown too.
         low[:2] = np.minimum(low[:2], bodies["position"][:, :2].min(axis=0))
         high[:2] = np.maximum(high[:2], bodies["position"][:, :2].max(axis=0))
@@ -202,7 +196,7 @@ def _bounds(run: Run, bodies: Arrays, spheres: Arrays, plates: np.ndarray) -> Wi
     return low, high
 
 
-def _drag(run: Run, frame: int, plates: np.ndarray) -> np.ndarray:
+def _drag(run: RunFile, frame: int, plates: np.ndarray) -> np.ndarray:
     """Return the unit direction (x, y) of the upper plate's motion since the previous frame, or zero."""
     number = run.frame_number(frame)
     if len(plates) < 8 or run.frames < 2:
@@ -215,7 +209,7 @@ def _drag(run: Run, frame: int, plates: np.ndarray) -> np.ndarray:
     return step / length if length > 1e-12 * extent else np.zeros(2)
 
 
-def _facts(run: Run, frame: int, count: int) -> str:
+def _facts(run: RunFile, frame: int, count: int) -> str:
     number = run.frame_number(frame)
     facts = [f"time {with_unit(run.times[number], 's')}"]
     if "distance" in run.series:
@@ -230,45 +224,123 @@ def _facts(run: Run, frame: int, count: int) -> str:
     return "   ·   ".join(facts)
 
 
-def close_up_window(data: PictureData) -> Window | None:
-    """Return the part to enlarge: about 60 bodies, where states mix most; None for few bodies."""
-    count = len(data.bodies)
-    if count <= _WITHOUT_CLOSE_UP:
-        return None
-    extent = data.high[:2] - data.low[:2]
-    side = math.sqrt(_CLOSE_UP_BODIES / count * extent[0] * extent[1])
-    # Deeper than wide: seen at an angle it then fills a square panel.
-    return _best_mixed(data, np.minimum(0.5 * side * np.array([0.85, 1.0 / 0.85]), 0.5 * extent), (9, 7))
+def force_tubes(contacts: Arrays, bodies: Arrays, shift: np.ndarray, period: np.ndarray | None, coloring: Coloring) -> Tubes:
+    """Return the tubes of one frame: centre of a body, contact point and, for two bodies, the other centre.
 
-
-def slice_window(data: PictureData, along: int) -> Window | None:
-    """Return the part to enlarge from the side: a dozen bodies along an axis (0 or 1), few deep.
-
-    None for few bodies, and for a bed so deep that the part would be nearly the whole.
+    `shift` (B, 3) is subtracted to wrap bodies, `period` (2,) the periodic domain or None. Tubes have the colours of contacts if
+    these have the drawn array, and are dark otherwise. Raises InputError without forces.
     """
-    if len(data.bodies) <= _WITHOUT_CLOSE_UP:
-        return None
-    extent = data.high - data.low
-    half = np.empty(2)
-    half[along] = min(5.0 * extent[2], 0.5 * extent[along])
-    if 2.0 * half[along] > _WIDEST_SLICE * extent[along]:
-        return None
-    half[1 - along] = min(1.2 * extent[2], 0.5 * extent[1 - along])
-    return _best_mixed(data, half, (12, 12))
+    if "force" not in contacts or "body" not in contacts:
+        raise InputError("forces: this run recorded no forces of its contacts")
+    force = np.linalg.norm(contacts["force"], axis=1)
+    colors = np.tile(np.array(rgb(TUBE), np.uint8), (len(force), 1))
+    if coloring.tubes is not None:
+        colors = coloring.colors(coloring.tubes)
+    own = rows_of(bodies, contacts["body"])
+    middle = bodies["position"] - shift
+    point = nearest_image(contacts["position"] - shift[own] - middle[own], period) + middle[own]
+    pair = contacts["partner"] >= 0
+    other = rows_of(bodies, contacts["partner"][pair])
+    end = nearest_image(middle[other] - point[pair], period) + point[pair]
+    return Tubes(
+        start=np.concatenate([middle[own], point[pair]]),
+        end=np.concatenate([point, end]),
+        force=np.concatenate([force, force[pair]]),
+        colors=np.concatenate([colors, colors[pair]]),
+        body=np.concatenate([own, own[pair]]),
+        full_scale=float(np.percentile(force, COMMON)) if len(force) else 0.0,
+    )
 
 
-def _best_mixed(data: PictureData, half: np.ndarray, counts: tuple[int, int]) -> Window:
-    """Return the window of half size (2,), in a grid over the whole domain, in which states mix most."""
-    low, high = data.low[:2] + half, data.high[:2] - half
-    axes = (np.linspace(a, b, count) for a, b, count in zip(low, high, counts, strict=True))
-    middle = max((np.array(point) for point in product(*axes)), key=lambda point: _mixture(data, point - half, point + half))
-    return middle - half, middle + half
+def nearest_image(vectors: np.ndarray, period: np.ndarray | None) -> np.ndarray:
+    """Return the shortest periodic images of vectors (n, 3); unchanged without a periodic domain."""
+    if period is None:
+        return vectors
+    short = vectors.copy()
+    short[:, :2] -= np.rint(vectors[:, :2] / period) * period
+    return short
 
 
-def _mixture(data: PictureData, low: np.ndarray, high: np.ndarray) -> float:
-    """Return the entropy of the states in a window, Shannon (1948); of equal windows the one with more bodies ranks higher."""
-    counts = np.bincount(data.codes[data.bodies_inside(low, high)]).astype(np.float64)
-    if not counts.sum():
-        return -1.0
-    fractions = counts[counts > 0] / counts.sum()
-    return float(-(fractions * np.log(fractions)).sum()) + 1e-3 * min(1.0, counts.sum() / _CLOSE_UP_BODIES)
+@dataclass(frozen=True)
+class Spots:
+    """Contacts of one body, (K, ...).
+
+    `position` [m], inward `normal`, `force` on the body [N], the largest friction `limit` [N], utilisation, radius [m], and the
+    name of each partner.
+    """
+
+    position: np.ndarray
+    normal: np.ndarray
+    force: np.ndarray
+    limit: np.ndarray
+    utilisation: np.ndarray
+    radius: np.ndarray
+    against: list[str]
+
+
+@dataclass(frozen=True)
+class CloseUpData:
+    """Data of one particle for drawing: the picture around it, its centre (3,) and size [m], its contacts and texts."""
+
+    picture: PictureData
+    center: np.ndarray
+    extent: float
+    spots: Spots
+    name: str
+    label: str
+    color: str
+
+
+def read_close_up(run: RunFile, frame: int, body: int, color: str, scale: Legend = FREE_SCALE) -> CloseUpData:
+    """Return the close-up of the body with this id. Raises InputError when it, or recorded contacts, are missing."""
+    bodies = run.bodies(frame)
+    ids = bodies.get("id", np.arange(len(bodies["position"])))
+    if body not in ids:
+        raise InputError(f"body: this run has no body {body}; ids are {ids.min()} to {ids.max()}")
+    picture = read_picture_data(run, frame, color, scale=scale)
+    row, period = int(rows_of(bodies, np.array([body]))[0]), _period(run)
+    center = picture.bodies[row]
+    # Neighbours across the edge of the domain are drawn on the particle's side.
+    moved = nearest_image(picture.bodies - center, period) + center
+    own = picture.body == row
+    # Contacts in the colour of the state must be visible on it; a number keeps its colour.
+    own_colors = pale(picture.colors, 0.30) if picture.legend.limits is None else picture.colors
+    colors = np.where(own[:, None], own_colors, pale(picture.colors, 0.75))
+    picture = replace(picture, centers=picture.centers + (moved - picture.bodies)[picture.body], bodies=moved, colors=colors)
+    reach = np.linalg.norm(picture.centers[own] - center, axis=1) + picture.radii[own]
+    spots = read_spots(run, frame, body, bodies["position"][row], period)
+    spots = replace(spots, position=spots.position + center)
+    state = run.state_names[bodies["state"][row]] if "state" in bodies else ""
+    label = picture.labels[row] if picture.labels else ""
+    state_color = STATE_COLORS.get(state, UNLABELLED)
+    return CloseUpData(picture, center, 2.0 * float(reach.max()), spots, f"particle {body}", label, state_color)
+
+
+def read_spots(run: RunFile, frame: int, body: int, center: np.ndarray, period: np.ndarray | None) -> Spots:
+    """Return the contacts of a body with positions relative to its centre (3,). Raises InputError where one is not recorded."""
+    contacts = run.contacts(frame)
+    missing = {"body", "partner", "force", "normal", "normal_force", "utilisation", "contact_radius"} - set(contacts)
+    if missing:
+        raise InputError(f"body: this run recorded no '{sorted(missing)[0]}' of its contacts")
+    first, second = contacts["body"] == body, contacts["partner"] == body
+    chosen = np.flatnonzero((first | second) & (contacts["normal_force"] > 0.0))
+    chosen = chosen[np.argsort(-contacts["normal_force"][chosen], kind="stable")]
+    sign = np.where(first[chosen], 1.0, -1.0)[:, None]
+    partner = np.where(first[chosen], contacts["partner"][chosen], contacts["body"][chosen])
+    names = {-1: "lower plate", -2: "upper plate", ELSEWHERE: "particle not in the file"}
+    load, eta = contacts["normal_force"][chosen], contacts["utilisation"][chosen]
+    force, normal = contacts["force"][chosen], contacts["normal"][chosen]
+    tangential = np.linalg.norm(force - load[:, None] * normal, axis=1)
+    # Without tangential force the limit does not follow from the utilisation: the ratio of the other contacts is used.
+    known = eta > 1e-6
+    ratio = np.divide(tangential, eta * load, out=np.zeros_like(load), where=known)
+    ratio[~known] = ratio.max(initial=0.0)
+    return Spots(
+        position=nearest_image(contacts["position"][chosen] - center, period),
+        normal=sign * normal,
+        force=sign * force,
+        limit=ratio * load,
+        utilisation=eta,
+        radius=contacts["contact_radius"][chosen],
+        against=[names.get(int(number), f"particle {number}") for number in partner],
+    )

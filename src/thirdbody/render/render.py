@@ -1,39 +1,24 @@
-"""Pictures and films of a run as PNG, GIF, MP4 or HTML files, without a screen.
+"""Pictures and films of a run as PNG, GIF, MP4 or HTML files, without a screen."""
 
-Without its system libraries VTK crashes instead of raising an error. So these are checked first, and a second process does the
-drawing, whose crash becomes one sentence. Pages are drawn by a browser and need no such libraries.
-"""
-
-import ctypes
 import json
 import os
-import subprocess
-import sys
-import tempfile
-import threading
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
-from importlib.util import find_spec
+from functools import partial, reduce
+from operator import or_
 from pathlib import Path
 from typing import Any
 
-from thirdbody.errors import InputError, MissingLibrary, OutputError, ThirdbodyError, nearest
-from thirdbody.render.film_progress import DRAWN, FilmReporter, film_reporter
-from thirdbody.system.child_process import python_command, python_environment
-
-EGL, OSMESA = "vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow"
-LIBRARIES = {EGL: ("libEGL.so.1",), OSMESA: ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")}
-ADVICE = "install libegl1 and libgl1-mesa-dri, or libosmesa6 (apt-get install libegl1 libgl1-mesa-dri)"
-
-# Time limits of the first and each further drawing [s]: one of 100 000 spheres takes below a minute on a slow core.
-PATIENCE, PATIENCE_PER_FRAME = 600.0, 60.0
+from thirdbody.atomic_files import write_whole
+from thirdbody.errors import InputError, OutputError, nearest
+from thirdbody.render.elsewhere import draw_elsewhere
+from thirdbody.render.film import DRAWN, FilmReporter, film_reporter, frame_numbers, gif, mp4, pyav
 
 STILLS, FILMS, PAGES = (".png",), (".gif", ".mp4"), (".html",)
-CAMERAS = ("fixed", "follow")
+CAMERAS, VIEWS = ("fixed", "follow"), ("iso", "side", "front", "top")
 FASTEST = 60
-SIDES = (200, 8192)
-"""Smallest and largest width and height of a picture [pixels]."""
-CLOSEST = 1e-4
-"""Smallest `zoom`: of a domain of a hundred million bodies it shows one."""
+SIDES = (200, 8192)  # smallest and largest width and height of a picture [pixels]
+CLOSEST = 1e-4  # smallest `zoom`: of a domain of a hundred million bodies it shows one
 
 
 @dataclass(frozen=True)
@@ -70,40 +55,44 @@ def render(run_path: str | Path, output: str | Path, *, progress: bool | FilmRep
     InputError for an invalid run, frame, array or option, MissingLibrary when the system cannot draw, OutputError when the file
     cannot be written.
     """
-    from thirdbody.render.picture_data import refuse_lost
-    from thirdbody.trajectory.reader import open_run
+    from thirdbody.render.picture_data import read_close_up, read_picture_data, refuse_lost
+    from thirdbody.trajectory.run_file import open_run
 
     output, chosen = checked_output(output), PictureOptions(**options)
-    _check_options(output, chosen)
+    film = output.suffix.lower() in FILMS
+    _check_options(output.suffix.lower(), chosen)
     with open_run(run_path) as run:
         if chosen.plate is not None:
-            from thirdbody.render.plate_map import draw_plate_map
+            from thirdbody.render.surfaces import draw_plate_map
 
-            return draw_plate_map(run, output, chosen.plate, asdict(chosen))
-        numbers = _frame_numbers(run, output, chosen)
+            return draw_plate_map(run, output, chosen)
+        try:
+            last = -1 if chosen.frame is None else chosen.frame
+            numbers = frame_numbers(chosen.frames, run.frames) if film else [run.frame_number(last)]
+        except IndexError as error:
+            raise InputError(str(error)) from error
         for number in numbers[:-1]:
             refuse_lost(run, number, run.bodies(number), run.spheres(number))
-        data = _read_one(run, numbers[-1], chosen)
-        run_file = run.path
+        # errors of a picture are raised here, not by the process that draws
+        data = read_picture_data(run, numbers[-1], chosen.color, chosen.forces)
+        if not len(data.radii):
+            raise InputError(f"{run.path}: this run has no bodies to draw")
+        if chosen.body is not None:
+            read_close_up(run, numbers[-1], chosen.body, chosen.color)
     if output.suffix.lower() in PAGES:
         from thirdbody.render.web_viewer import write_page
 
         try:
-            write_page(data, output, chosen.view)
+            return write_page(data, output, chosen.view)
         except OSError as error:
             raise OutputError(f"{output}: cannot be written ({error.strerror})") from error
-        return output
-    job = asdict(chosen) | {"run": str(run_file), "file": str(output), "frames": numbers}
-    with film_reporter(progress if output.suffix.lower() in FILMS else False, output.name) as report:
-        draw_elsewhere(job, usable_windows(), report)
+    job = asdict(chosen) | {"run": str(run.path), "file": str(output), "frames": numbers}
+    with film_reporter(film and progress, output.name) as report:
+        draw_elsewhere(__name__, job, report)
     return output
 
 
-def _check_options(output: Path, options: PictureOptions) -> None:
-    """Raise InputError for invalid or incompatible options."""
-    from thirdbody.render.picture_data import VIEWS
-
-    suffix, o = output.suffix.lower(), options
+def _check_options(suffix: str, o: PictureOptions) -> None:
     film, page, (wide, tall) = suffix in FILMS, suffix in PAGES, o.size
     wrong = [
         (o.zoom is not None and not CLOSEST <= o.zoom <= 1.0, f"zoom: {o.zoom} is outside {CLOSEST:g} to 1, the fraction of "
@@ -127,32 +116,8 @@ def _check_options(output: Path, options: PictureOptions) -> None:
     for is_wrong, words in wrong:
         if is_wrong:
             raise InputError(words)
-
-
-def _frame_numbers(run: Any, output: Path, options: PictureOptions) -> list[int]:
-    """Return the frames to draw. Raises InputError when they are not in the run."""
-    from thirdbody.render.film import frame_numbers
-
-    if output.suffix.lower() in FILMS:
-        return frame_numbers(options.frames, run.frames)
-    try:
-        return [run.frame_number(-1 if options.frame is None else options.frame)]
-    except IndexError as error:
-        raise InputError(str(error)) from error
-
-
-def _read_one(run: Any, number: int, options: PictureOptions) -> Any:
-    """Read the data of one frame: errors of a picture are raised here, not by the process that draws."""
-    from thirdbody.render.picture_data import read_picture_data
-
-    data = read_picture_data(run, number, options.color, options.forces)
-    if not len(data.radii):
-        raise InputError(f"{run.path}: this run has no bodies to draw")
-    if options.body is not None:
-        from thirdbody.render.closeup_data import read_close_up
-
-        read_close_up(run, number, options.body, options.color)
-    return data
+    if suffix == ".mp4":
+        pyav()
 
 
 def checked_output(path: str | Path, allowed: tuple[str, ...] = STILLS + FILMS + PAGES) -> Path:
@@ -166,104 +131,57 @@ def checked_output(path: str | Path, allowed: tuple[str, ...] = STILLS + FILMS +
     return path
 
 
-def usable_windows() -> list[str | None]:
-    """Return the kinds of off-screen window to try, best first; None leaves the choice to VTK (not on Linux).
+def draw(job: dict[str, Any]) -> None:
+    """Draw the frames of a job, as `render` checked it, in the second process. Raises OSError when the file cannot be written."""
+    from thirdbody.render.canvas import Canvas, save_png
+    from thirdbody.trajectory.run_file import open_run
 
-    Raises MissingLibrary when there is none.
-    """
-    if not sys.platform.startswith("linux"):
-        return [None]
-    usable: list[str | None] = [kind for kind, names in LIBRARIES.items() if any(map(_loads, names))]
-    if not usable:
-        raise MissingLibrary(f"no library to draw without a screen: {ADVICE}")
-    return usable
-
-
-def _loads(library: str) -> bool:
-    try:
-        ctypes.CDLL(library)
-    except OSError:
-        return False
-    return True
-
-
-def draw_elsewhere(job: dict, windows: list[str | None], report: FilmReporter | None = None) -> None:
-    """Draw in a second process, with the first kind of window that does not crash.
-
-    `report` is called for each picture of a film. Raises OutputError when the file cannot be written, MissingLibrary without
-    pyvista or when every window crashes.
-    """
-    if find_spec("pyvista") is None:
-        raise MissingLibrary("pictures are drawn with pyvista, which is not installed: pip install pyvista")
-    crash = ""
-    for kind in windows:
-        done = _start(job, kind, report)
-        if done.returncode == 0:
-            return
-        last = (done.stderr.strip().splitlines() or [""])[-1]
-        if done.returncode == OutputError.exit_code:
-            raise OutputError(last)
-        if done.returncode == 1 and "Traceback" in done.stderr:
-            raise RuntimeError(f"drawing failed:\n{done.stderr}")
-        crash = f"{kind or 'VTK'} ended with code {done.returncode}"
-    raise MissingLibrary(f"VTK cannot draw without a screen here ({crash}): {ADVICE}")
-
-
-def _start(job: dict, kind: str | None, report: FilmReporter | None = None) -> subprocess.CompletedProcess[str]:
-    environment = python_environment()
-    environment["ALLOW_PLOTTING"] = "true"  # otherwise pyvista tests this by opening a window
-    if kind is not None:
-        environment["VTK_DEFAULT_OPENGL_WINDOW"] = kind
-    total = len(job.get("frames", ()))
-    limit = PATIENCE + PATIENCE_PER_FRAME * total
-    command = python_command("thirdbody.render.render", json.dumps(job))
-    # errors go into a file: two pipes would have to be read at once
-    with tempfile.TemporaryFile("w+") as errors:
-        with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=errors, text=True) as process:
-            late = threading.Event()
-
-            def time_out() -> None:
-                late.set()
-                process.kill()
-
-            timer = threading.Timer(limit, time_out)
-            timer.start()
-            try:
-                assert process.stdout is not None
-                for line in process.stdout:
-                    if report is not None and line.startswith(DRAWN):
-                        report(int(line.removeprefix(DRAWN)), total)
-            except BaseException:
-                process.kill()
-                raise
-            finally:
-                timer.cancel()
-        if late.is_set():
-            raise MissingLibrary(f"VTK drew nothing within {limit:.0f} s: {ADVICE}")
-        errors.seek(0)
-        return subprocess.CompletedProcess(command, process.returncode, "", errors.read())
-
-
-def main(argument: str) -> int:
-    """Draw the job that `render` or `gallery` wrote as JSON, in the second process; return the exit code."""
-    job = json.loads(argument)
-    try:
-        if "gallery" in job:
-            from thirdbody.render.gallery_drawing import draw
-
-            draw(Path(job["gallery"]), Path(job["file"]))
+    file = Path(job["file"])
+    with open_run(job["run"]) as run, Canvas(tuple(job["size"])) as canvas:
+        pictures = _draw_pictures(run, job, canvas)
+        if file.suffix.lower() == ".png":
+            save_png(next(pictures), file, origin(run, job))
         else:
-            from thirdbody.render.worker import draw_run
-
-            draw_run(job)
-    except OSError as error:
-        print(f"{job['file']}: cannot be written ({error.strerror})", file=sys.stderr)
-        return OutputError.exit_code
-    except ThirdbodyError as error:
-        print(error, file=sys.stderr)
-        return OutputError.exit_code
-    return 0
+            write_whole(file, {".gif": gif, ".mp4": mp4}[file.suffix.lower()](_reported(pictures), job["fps"]))
 
 
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1]))
+def origin(run: Any, job: dict[str, Any]) -> dict[str, str]:
+    """Return the origin of a still for its PNG text chunks: title, frame, time, options, the resolved scene as TOML."""
+    number = job["frames"][-1]
+    return {
+        "Software": "thirdbody",
+        "Title": str(run.header.get("title", "")),
+        "frame": f"{number} of 0 to {run.frames - 1}",
+        "time": f"{float(run.times[number])!r} s",
+        "options": json.dumps({name: job[name] for name in ("color", "size", "zoom", "view", "forces", "body")}),
+        "scene": run.scene_text,
+    }
+
+
+def _reported(pictures: Iterator[Any]) -> Iterator[Any]:
+    """Yield the same pictures, each reported on standard output when it is drawn."""
+    for number, picture in enumerate(pictures, start=1):
+        yield picture
+        print(f"{DRAWN}{number}", flush=True)
+
+
+def _draw_pictures(run: Any, job: dict[str, Any], canvas: Any) -> Iterator[Any]:
+    """Yield the picture of each frame, all in one layout: only what moves in the run moves in the film."""
+    from thirdbody.render.closeup import compute_close_up_layout, draw_close_up
+    from thirdbody.render.layout import compute_layout, draw_picture
+    from thirdbody.render.picture_data import read_close_up, read_picture_data
+
+    numbers, color = job["frames"], job["color"]
+    scale = reduce(or_, (read_picture_data(run, number, color).legend for number in numbers))
+    if job["body"] is None:
+        read: Callable[[int], Any] = partial(read_picture_data, run, color=color, forces=job["forces"], scale=scale)
+        layout = compute_layout(map(read, numbers), canvas.size, job["view"], job["zoom"])
+        draw_one: Callable[[Any], None] = partial(draw_picture, canvas, layout)
+    else:
+        read = partial(read_close_up, run, body=job["body"], color=color, scale=scale)
+        close = compute_close_up_layout(map(read, numbers), canvas.size, job["view"], job["camera"] == "fixed")
+        draw_one = partial(draw_close_up, canvas, close)
+    for number in numbers:
+        canvas.clear()
+        draw_one(read(number))
+        yield canvas.pixels()

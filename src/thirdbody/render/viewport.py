@@ -6,11 +6,9 @@ import numpy as np
 import pyvista
 
 from thirdbody.palette import INK, pale
-from thirdbody.render.canvas import OVERSAMPLING, Canvas, Rectangle
-from thirdbody.render.force_tubes import THICKEST, tube_mesh
-from thirdbody.render.overlay import WIDTH
+from thirdbody.render.canvas import OVERSAMPLING, WIDTH, Canvas, Rectangle
 from thirdbody.render.picture_data import PictureData
-from thirdbody.render.surface_mesh import CONTACT, SMALLEST_CONTACT, skirt, window_mesh
+from thirdbody.render.surfaces import CONTACT, SMALLEST_CONTACT, skirt, window_mesh
 from thirdbody.units import round_length, with_unit
 
 _PLATE, _PLATE_EDGES = "#DDE1E6", "#8A929C"
@@ -18,20 +16,14 @@ _GLASS, _GLASS_EDGES = "#9DB9DD", "#4F74A8"
 _SHADOW = "#A9B0BA"
 ARROW = "#B0303C"
 
+# Direction to the camera; `iso` is in perspective, the others in parallel projection, so that lengths hold everywhere.
 _DIRECTIONS = {"side": (0.0, -1.0, 0.0), "front": (1.0, 0.0, 0.0), "top": (0.0, 0.0, 1.0)}
-"""Direction to the camera; `iso` is in perspective, the others in parallel projection, so that lengths hold everywhere."""
-
-_ALONG = 0.9
-"""Cosine above which an arrow points along the line of sight."""
-
+_ALONG = 0.9  # cosine above which an arrow points along the line of sight
+# Fraction of white in bodies through which tubes are seen: for states, and for numbers, which must stay readable.
 _PALE, _PALE_NUMBERS = 0.45, 0.2
-"""Fraction of white in bodies through which tubes are seen: for states, and for numbers, which must stay readable."""
-
-SMALLEST_DRAWN = 0.7
-"""Mean diameter of the spheres in pixels below which their mean colours are drawn instead."""
-
-_ANGLE = 24.0
-"""Vertical angle of view [degrees]."""
+THICKEST, _SIDES = 0.17, 8  # radius of the thickest tube over the mean radius of the bodies, and the number of its sides
+SMALLEST_DRAWN = 0.7  # mean diameter of the spheres in pixels below which their mean colours are drawn instead
+_ANGLE = 24.0  # vertical angle of view [degrees]
 
 
 class Viewport:
@@ -53,7 +45,8 @@ class Viewport:
         low, high = bounds
         self._data, self._view, self._window = data, view, bounds
         self._outer, self.inner = canvas.add_view(viewport)
-        self._aspect = canvas.size[0] * (viewport[2] - viewport[0]) / (canvas.size[1] * (viewport[3] - viewport[1]))
+        self.project = self._outer.project
+        self._pixels = canvas.size[0] * (viewport[2] - viewport[0]), canvas.size[1] * (viewport[3] - viewport[1])
         # VTK's own tolerances suit lengths around one, not micrometres.
         self.scale = 100.0 / float(np.max(high[:2] - low[:2]))
         self._origin = np.array([*(0.5 * (low[:2] + high[:2])), low[2]])
@@ -63,13 +56,14 @@ class Viewport:
         # Thin relative to the gap, but always thick enough to be visible.
         thickness = min(max(0.4 * float(self._high[2] - self._low[2]), 1.5), 5.0)
         self._thickness = thickness if data.has_plates else 0.0
+        # From the side the plates are thin relative to the arrow of the other views.
+        self._arrow_length = 9.0 if view in ("side", "front") else 17.0
         # Line width scales with the height of text.
         self._line_unit = OVERSAMPLING * max(min(canvas.size[0] / WIDTH, canvas.size[1] / 900.0), 0.6)
         height = data.plate_height_over(low, high) if plate_height is None else plate_height
         self._ceiling = float(self.scaled(np.array([0.0, 0.0, height]))[2])
         self._bottom = float(self._low[2]) - self._thickness
         self._corners = [self._low - [0, 0, self._thickness], self._high + [0, 0, self._thickness]]
-        self._pixels = canvas.size[0] * (viewport[2] - viewport[0]), canvas.size[1] * (viewport[3] - viewport[1])
         self._add_spheres(data.inside(low, high))
         if data.has_plates:
             self._add_plates()
@@ -78,27 +72,25 @@ class Viewport:
         """Return points (..., 3) [m] in the units of the view."""
         return (points - self._origin) * self.scale
 
-    def project(self, point: np.ndarray) -> tuple[float, float]:
-        """Return the position of a point of the view in the picture [pixels]."""
-        return self._outer.project(point)
-
     def _add_spheres(self, chosen: np.ndarray) -> None:
         data = self._data
         white = _PALE if data.legend.limits is None else _PALE_NUMBERS
         colors = data.colors if data.tubes is None else pale(data.colors, white)
         centers, radii = self.scaled(data.centers[chosen]), data.radii[chosen] * self.scale
-        cells = self._cells()
-        if len(centers) and 2.0 * float(np.mean(radii)) < SMALLEST_DRAWN * float(np.max((self._high - self._low)[:2] / cells)):
+        extent = (self._high - self._low)[:2]
+        cells = np.maximum(1, np.rint(extent * float(np.min(self._pixels / extent)))).astype(np.int64)  # one per pixel, about
+        if len(centers) and 2.0 * float(np.mean(radii)) < SMALLEST_DRAWN * float(np.max(extent / cells)):
             self._add_map(centers, colors[chosen], cells)
             return
         if data.has_plates and len(centers) and "lower" not in data.surfaces:
-            self._add_shadows(centers, radii)
+            # discs on the lower plate: without them the height of a body is not visible
+            floor = float(self.scaled(data.low)[2]) + 0.03
+            points = pyvista.PolyData(np.column_stack((centers[:, :2], np.full(len(centers), floor))).astype(np.float32))
+            points["radius"] = np.float32(radii)
+            disc = pyvista.Polygon(radius=1.0, n_sides=20)
+            shadows = points.glyph(orient=False, scale="radius", geom=disc)
+            self._outer.add(shadows, color=_SHADOW, scalars=None, lighting=False)
         self._outer.add_spheres(centers, radii, colors[chosen])
-
-    def _cells(self) -> np.ndarray:
-        """Return the number of cells along x and y, about one per pixel of the picture (2,)."""
-        extent = (self._high - self._low)[:2]
-        return np.maximum(1, np.rint(extent * float(np.min(self._pixels / extent)))).astype(np.int64)
 
     def _add_map(self, centers: np.ndarray, colors: np.ndarray, cells: np.ndarray) -> None:
         """Draw the mean colour of the spheres in each cell on a plane through their middle: single ones would be lost."""
@@ -114,14 +106,6 @@ class Viewport:
         part = grid.extract_cells(drawn)
         part.cell_data["color"] = np.rint(sums[drawn] / count[drawn, None]).astype(np.uint8)
         self._outer.add(part.extract_surface(), scalars="color", rgb=True, lighting=False)
-
-    def _add_shadows(self, centers: np.ndarray, radii: np.ndarray) -> None:
-        """Draw a disc on the lower plate under each sphere: without it the height of a body is not visible."""
-        floor = float(self.scaled(self._data.low)[2]) + 0.03
-        points = pyvista.PolyData(np.column_stack((centers[:, :2], np.full(len(centers), floor))).astype(np.float32))
-        points["radius"] = np.float32(radii)
-        disc = pyvista.Polygon(radius=1.0, n_sides=20)
-        self._outer.add(points.glyph(orient=False, scale="radius", geom=disc), color=_SHADOW, scalars=None, lighting=False)
 
     def _add_plates(self) -> None:
         floor = float(self.scaled(self._data.low)[2])
@@ -152,8 +136,8 @@ class Viewport:
             self._outer.add(smooth, scalars="color", rgb=True, ambient=0.5, diffuse=0.55)
             self._outer.add(walls, color=_PLATE, ambient=0.55, diffuse=0.45)
         else:
-            self._outer.add(mesh.extract_surface(), color=_GLASS, opacity=0.16, ambient=0.55, diffuse=0.45)
-            self._outer.add(walls, color=_GLASS, opacity=0.16, ambient=0.55, diffuse=0.45)
+            for part in (mesh.extract_surface(), walls):
+                self._outer.add(part, color=_GLASS, opacity=0.16, ambient=0.55, diffuse=0.45)
 
     def _add_contacts(self, low: np.ndarray, high: np.ndarray) -> None:
         """Draw the contacts with the rough lower plate, of bodies in a window, as discs along its surface."""
@@ -184,11 +168,16 @@ class Viewport:
         thickest = THICKEST * 2.0 * float(np.mean(self._data.radii)) * self.scale
         radii = thickest * np.minimum(tubes.force / full_scale, 1.0)
         visible = self._data.bodies_inside(low, high)[tubes.body] & (radii > 0.02 * thickest)
-        if visible.any():
-            mesh = tube_mesh(
-                self.scaled(tubes.start[visible]), self.scaled(tubes.end[visible]), radii[visible], tubes.colors[visible]
-            )
-            self.inner.add(mesh, scalars="color", rgb=True, ambient=0.35, diffuse=0.75)
+        if not visible.any():
+            return
+        ends = np.stack([self.scaled(tubes.start[visible]), self.scaled(tubes.end[visible])], axis=1)
+        points = ends.reshape(-1, 3).astype(np.float32)
+        lines = np.insert(np.arange(len(points)).reshape(-1, 2), 0, 2, axis=1)
+        mesh = pyvista.PolyData(points, lines=lines.ravel())
+        mesh["radius"] = np.repeat(np.float32(radii[visible]), 2)
+        mesh["color"] = np.repeat(tubes.colors[visible], 2, axis=0)
+        tube = mesh.tube(scalars="radius", absolute=True, n_sides=_SIDES)
+        self.inner.add(tube, scalars="color", rgb=True, ambient=0.35, diffuse=0.75)
 
     def _arrow_ends(self, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return start and tip of an arrow at the leading edge of the upper plate, in a direction (2,)."""
@@ -196,11 +185,6 @@ class Viewport:
         reach = min(h / abs(d) for h, d in zip(half[:2], direction, strict=True) if abs(d) > 1e-9)
         start = np.array([*(middle[:2] + direction * (reach + 2.0)), self._high[2] + 0.5 * self._thickness])
         return start, start + np.array([*(direction * self._arrow_length), 0.0])
-
-    @property
-    def _arrow_length(self) -> float:
-        # From the side the plates are thin relative to the arrow of the other views.
-        return 9.0 if self._view in ("side", "front") else 17.0
 
     def _towards_viewer(self, direction: np.ndarray) -> float:
         """Return the cosine of the angle between a direction and that to the camera, for views without perspective."""
@@ -278,7 +262,7 @@ class Viewport:
         right = np.cross(upright, back)
         right /= np.linalg.norm(right)
         axes = np.array([right, np.cross(back, right), back])
-        focus, distance, extent = (_fit_perspective if perspective else _fit_parallel)(points, axes, self._aspect)
+        focus, distance, extent = (_fit_perspective if perspective else _fit_parallel)(points, axes, self._pixels)
         camera = self._outer.renderer.camera
         camera.view_angle = _ANGLE
         camera.parallel_projection = not perspective
@@ -292,23 +276,23 @@ class Viewport:
 Pose = tuple[np.ndarray, float, float]
 
 
-def _fit_parallel(points: np.ndarray, axes: np.ndarray, aspect: float) -> Pose:
-    """Return focus, distance and half height of the picture in which all points just fit, without perspective.
+def _fit_parallel(points: np.ndarray, axes: np.ndarray, pixels: tuple[float, float]) -> Pose:
+    """Return focus, distance and half height of a picture of that size in which all points just fit, without perspective.
 
-    `axes` (3, 3) are the camera's right, up and back, `aspect` is width over height.
+    `axes` (3, 3) are the camera's right, up and back.
     """
     flat = points @ axes.T
     low, high = flat.min(axis=0), flat.max(axis=0)
     half = 0.5 * (high - low)
-    return 0.5 * (low + high) @ axes, 300.0 + half[2], float(max(half[1], half[0] / aspect)) / 0.97
+    return 0.5 * (low + high) @ axes, 300.0 + half[2], float(max(half[1], half[0] / (pixels[0] / pixels[1]))) / 0.97
 
 
-def _fit_perspective(points: np.ndarray, axes: np.ndarray, aspect: float) -> Pose:
+def _fit_perspective(points: np.ndarray, axes: np.ndarray, pixels: tuple[float, float]) -> Pose:
     """Return the same in perspective; the half height is unused.
 
     A fixed-point iteration: shift the focus to the middle of the projection, then set the distance; converges in a few steps.
     """
-    reach = np.tan(np.radians(0.5 * _ANGLE)) * np.array([aspect, 1.0])
+    reach = np.tan(np.radians(0.5 * _ANGLE)) * np.array([pixels[0] / pixels[1], 1.0])
     focus, distance = points.mean(axis=0), 300.0
     for _ in range(30):
         offset = (points - focus) @ axes.T

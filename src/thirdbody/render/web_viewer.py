@@ -17,11 +17,10 @@ import numpy as np
 from thirdbody.atomic_files import write_whole
 from thirdbody.palette import FIELD_STOPS, rgb
 from thirdbody.render.picture_data import PictureData
-from thirdbody.render.surface_mesh import CONTACT, HIGHEST, LOWEST, SMALLEST_CONTACT
+from thirdbody.render.surfaces import CONTACT, HIGHEST, LOWEST, SMALLEST_CONTACT
 from thirdbody.units import prefix_for, ticks, with_unit
 
-FINEST = 320
-"""Largest number of points along the longer side of a rough plate: 270 kB of a page for a square plate."""
+FINEST = 320  # largest number of points along the longer side of a rough plate: 270 kB of a page for a square plate
 
 
 def write_page(data: PictureData, path: Path, view: str = "iso") -> Path:

@@ -5,27 +5,24 @@ from __future__ import annotations
 import io
 import math
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import redirect_stdout
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-import numpy as np
-
-from thirdbody.report.active_components import part_warnings, parts
-from thirdbody.report.bed_report import bed_report, print_bed, speed_report
-from thirdbody.report.integration_trial import expected_integration
-from thirdbody.report.plates import plate_report, print_plate, print_rough_plates, rough_plates
+from thirdbody.granular_flow import LAYERS, inertia_verdict
+from thirdbody.kernels.tables import patch
 from thirdbody.report.tables import table
-from thirdbody.runner.frame_cost import FrameCost, frame_cost
-from thirdbody.runner.run_warnings import run_warnings
+from thirdbody.runner.outlook import memory_of, outlook
+from thirdbody.runner.simulate import check_call, debris_contact, prepare
+from thirdbody.scene.model import Scene
+from thirdbody.schema.write import toml_text
 from thirdbody.system.terminal import PrintableStream, print_line
 from thirdbody.units import duration, file_size, pretty
 
 if TYPE_CHECKING:
-    from thirdbody.assembly.physics import CompiledPhysics
     from thirdbody.assembly.simulation import Simulation
-    from thirdbody.scene.model import Scene
 
 
 class Check(dict[str, Any]):
@@ -68,9 +65,6 @@ def check(
     >>> report["bodies"], report["law"]["level"]
     (4, 'mindlin')
     """
-    from thirdbody.runner.prepare import check_call, prepare
-    from thirdbody.scene.model import Scene
-
     check_call(plugins, force=force)
     result = check_report(prepare(Scene.of(scene, plugins), plugins, force))
     return Check({"warnings": result.pop("warnings")} | result)
@@ -79,32 +73,14 @@ def check(
 def check_report(built: Simulation) -> dict[str, Any]:
     """Return the resolved scene as a dictionary: everything that `thirdbody check` reports, in SI.
 
-    The trials advance the simulation itself, since a copy of a million bodies takes 2 GB: it cannot be run afterwards.
+    Trials advance the simulation (`runner.outlook`): it cannot be run afterwards.
     """
-    at_start, cautions = _report_at_start(built), [*built.warnings, *part_warnings(built)]
-    from thirdbody.runner.output_schedule import planned_frames
-
-    frames = _frames(built, planned_frames(built))
-    integration, each = expected_integration(built), frame_cost(built)
-    framing, disk = frames * each.seconds, each.first_bytes + (frames - 1) * each.bytes
-    wall = integration["estimated_step_time"] + (0.0 if each.failure else framing)
-    costs = run_warnings(built, wall, framing, disk, integration["trial_stopped"])
-    return {
-        **at_start,
-        "speed_scale": speed_report(built, wall, integration["estimated_step_time"]),
-        "estimated_wall_time": wall,
-        **integration,
-        "estimated_frame_time": framing,
-        "frames": frames,
-        "disk": disk,
-        "warnings": [*costs, *_unmeasured(each), *cautions],
-    }
+    at_start, warnings = _report_at_start(built), [*built.warnings, *built.cautions()]
+    costs = outlook(built)
+    return {**at_start, **costs, "warnings": [*costs["warnings"], *warnings]}
 
 
 def _report_at_start(built: Simulation) -> dict[str, Any]:
-    """Return what is reported of the simulation as it starts."""
-    from thirdbody.runner.simulate import debris_contact
-
     choice, state = built.choice, built.state
     return {
         "title": built.scene.title,
@@ -118,94 +94,105 @@ def _report_at_start(built: Simulation) -> dict[str, Any]:
             "not_needed": list(choice.off),
             "explicit_only": list(choice.chain.without_tangent),
         },
-        "pairs": _pairs(choice),
-        "parts": parts(built),
+        "pairs": [
+            {"between": [pair.a.name, pair.b.name], "friction": pair.friction, "restitution": pair.restitution}
+            | {
+                f"{law.name}.{name}": value
+                for law, values in zip(choice.chain.laws, row, strict=True)
+                for name, value in zip(type(values)._fields, values, strict=True)
+            }
+            for pair, row in zip(choice.pairs, choice.rows, strict=True)
+        ],
+        "parts": built.parts(),
         "effects": {
             "on": [{"effect": effect.name, "source": effect.source} for effect in choice.other_effects],
             "debris_contact": debris_contact(built),
             "labels": built.labeller.name if built.labeller else "none",
         },
-        "upper_plate": plate_report(built),
-        "rough_plates": rough_plates(built),
-        "bed": bed_report(built),
+        "upper_plate": _plate(built),
+        "rough_plates": {side: scales.document() for side, scales in built.surface_scales.items()},
+        "bed": _bed(built),
         "integrator": built.plan.kind,
         "integrator_reason": built.plan.reason,
         "settle": built.settle,
         "simulated_time": built.planned_time,
         "expected_overlap_over_radius": built.upper.shared_overlap,
-        "initial_overlap": built.relaxed.document() if built.relaxed else None,
+        "initial_overlap": asdict(built.relaxed) if built.relaxed else None,
         "memory": memory_of(built),
     }
 
 
-def _pairs(choice: CompiledPhysics) -> list[dict[str, Any]]:
-    """Return the parameters of each pair of materials that can meet."""
-    return [
-        {
-            "between": [pair.a.name, pair.b.name],
-            "friction": pair.friction,
-            "restitution": pair.restitution,
-            **{
-                f"{law.name}.{name}": value
-                for law, values in zip(choice.chain.laws, row, strict=True)
-                for name, value in zip(type(values)._fields, values, strict=True)
-            },
-        }
-        for pair, row in zip(choice.pairs, choice.rows, strict=True)
-    ]
+def _plate(built: Simulation) -> dict[str, Any] | None:
+    upper = built.state.world.upper
+    if upper is None:
+        return None
+    founded, direct, area = upper.foundation, upper.direct, built.scene.domain.size[0] * built.scene.domain.size[1]
+    load = float(upper.load.max()) if founded is None else founded.load
+    return {
+        "patches": len(upper.heights),
+        "load": load,
+        "support": built.scene.plates.upper.support if built.scene.plates.upper else "none",
+        "free": upper.free if founded is None else founded.free,
+        "mass": float(upper.mass.mean()),
+        "damping": float(upper.damping.mean()),
+        "gap": float(upper.heights.mean()),
+        "moves": upper.schedule.moves,
+        "largest_load": upper.schedule.largest_load() * float(upper.table()[:, patch.NOMINAL_LOAD].max()),
+        "loaded_at_once": built.upper.loaded,
+        "foundation": None if founded is None else founded.stiffness,
+        "preload": 0.0 if founded is None else float(upper.load.max()),
+        "direct_contact": None
+        if direct is None
+        else {
+            "pressure_at_zero_gap": direct.prefactor / area,
+            "u0": direct.length,
+            "friction": direct.friction,
+            "gap_without_debris": direct.gap(load),  # at which it alone carries the load
+        },
+    }
 
 
-def _frames(built: Simulation, planned: int) -> int:
-    """Return the expected number of frames: as planned, but no more than one after every step."""
-    if not built.integrator.divisible or built.scene.output.every >= built.shortest_interval:
-        return planned
-    by_time = built.scene.output.every_kind == "time"
-    steps = (built.planned_time - (0.0 if by_time else built.settle)) / built.state.dt
-    return min(planned, 2 + math.ceil(steps))
+def _bed(built: Simulation) -> dict[str, Any] | None:
+    """Return the numbers of a bed at the speed at which it is computed, estimated before the run; None where there is no bed.
 
-
-def _unmeasured(cost: FrameCost) -> list[str]:
-    return [f"the time of frames is not in the estimate, a trial of some was not written: {cost.failure}"] if cost.failure else []
-
-
-def memory_of(built: Simulation) -> int:
-    """Return the bytes of all tables of a simulation: of its state, its candidates and its integrator; a table counts once.
-
-    Where closed contacts only have rows, these are as many as are expected in a run.
+    `inertial_number` is of the median diameter, `inertial_number_largest` of the largest; None where no pressure is known.
     """
-    tables = [_whole(each) for owner in (built.state, built.integrator) for each in _tables(owner)]
-    expected = getattr(built.state.slots.rows, "expected_bytes", lambda bodies: 0)  # `ClosedRows` have them
-    return sum({id(each): each.nbytes for each in tables}.values()) + expected(built.state.n_bodies)
-
-
-def _tables(owner: object) -> Iterator[np.ndarray]:
-    """Yield the arrays that an object holds: as attributes, in tuples, and in lists of candidates."""
-    from thirdbody.engine.candidates import AllRows, Candidates
-
-    for value in owner if isinstance(owner, tuple) else vars(owner).values():
-        if isinstance(value, np.ndarray):
-            yield value
-        elif isinstance(value, tuple | Candidates | AllRows):
-            yield from _tables(value)
-
-
-def _whole(array: np.ndarray) -> np.ndarray:
-    """Return the array whose memory a view shows."""
-    return _whole(array.base) if isinstance(array.base, np.ndarray) else array
+    bed = built.bed
+    if bed is None:
+        return None
+    known = lambda value: value if math.isfinite(value) else None  # noqa: E731
+    faster = built.speed_scale.factor if built.speed_scale else 1.0
+    number = faster * bed.inertial_number
+    if bed.layers < LAYERS:
+        verdict = f"no bed, but less than {LAYERS:g} layers: bodies roll and slide from plate to plate, whatever this number is"
+    elif math.isnan(number):
+        verdict = "inertial number unknown before the run: the plate is held at a gap, so the pressure is a result"
+    else:
+        zero = "not quasi-static: the load falls to zero, where the speed decides"
+        verdict = zero if math.isinf(number) else inertia_verdict(number)
+    return {
+        "layers": bed.layers,
+        "median_diameter": bed.diameter,
+        "largest_diameter": bed.largest_diameter,
+        "pressure": known(bed.pressure),
+        "shear_rate": faster * bed.shear_rate,
+        "inertial_number": known(number),
+        "inertial_number_largest": known(number * bed.largest_diameter / bed.diameter),
+        "softness": known(bed.softness),
+        "verdict": verdict,
+    }
 
 
 def print_check(report: dict[str, Any]) -> None:
     """Print the result of `check_report`: warnings, then the run and its cost, then the physics and the resolved scene."""
-    from thirdbody.schema.write import toml_text
-
     for warning in report["warnings"]:
         print_line(f"warning: {warning}")
     print_line(f"# {report['title'] or 'scene'}: {report['bodies']} bodies, {report['spheres']} spheres")
     _print_costs(report)
     _print_integration(report)
-    print_plate(report)
+    _print_plate(report)
     print_rough_plates(report["rough_plates"])
-    print_bed(report)
+    _print_bed(report)
     _print_laws(report)
     print()
     print(toml_text(report["scene"]))
@@ -242,14 +229,19 @@ def _print_laws(report: dict[str, Any]) -> None:
 
 def _print_integration(report: dict[str, Any]) -> None:
     print_line(f"integrator {report['integrator']}: {report['integrator_reason']}")
-    _print_expected(report)
+    if islands := report["islands"]:
+        stride = pretty(islands["stride"], "length")
+        near = f"{100.0 * islands['fraction_of_bodies']:.0f} % of them could meet another within {stride} of sliding"
+        size = f"{islands['mean']:.1f} bodies on average, at most about {islands['largest']}"
+        print_line(f"bodies cover {islands['area_fraction']:.2f} of the area, {near}; expected islands: {size}")
+    if times := report["expected_times"]:
+        both = ", ".join(f"{name} about {duration(times[name])}" for name in ("implicit", "explicit"))
+        print_line(f"steps, on one core: {both}")
     settling, whole = pretty(report["settle"], "time"), pretty(report["simulated_time"], "time")
     if "time_step" not in report:
         chosen = report["accuracy"]
-        largest_step = chosen["largest_step"]
-        maximum = f"{chosen['radii']:g} contact radii of the drag" + (
-            "" if math.isinf(largest_step) else f" or {pretty(largest_step, 'length')}"
-        )
+        maximum = f"{chosen['radii']:g} contact radii of the drag"
+        maximum += "" if math.isinf(chosen["largest_step"]) else f" or {pretty(chosen['largest_step'], 'length')}"
         inertia = "with inertia" if chosen["inertia"] else "without inertia (quasi-static)"
         print(f"steps up to {maximum}, error at most {chosen['tolerance']:g} of a contact radius, {inertia}")
         if report["common_steps"]:
@@ -261,23 +253,66 @@ def _print_integration(report: dict[str, Any]) -> None:
         print_line(f"settling {settling}, simulated {whole}, {stepping}")
         return
     step = report["time_step"]
-    print(f"time step {pretty(step['step'], 'time')}, {_limit(step)} (Rayleigh time {pretty(step['rayleigh'], 'time')})")
+    limit = f"limited by {step['limited_by']} of body {step['body']}"
+    limit = "given by the scene" if step["limited_by"] == "the scene" else limit
+    print(f"time step {pretty(step['step'], 'time')}, {limit} (Rayleigh time {pretty(step['rayleigh'], 'time')})")
     print(f"settling {settling}, simulated {whole}, {report['steps']:.3g} steps")
 
 
-def _print_expected(report: dict[str, Any]) -> None:
-    """Print the expected islands of debris that may meet, and the expected times of both integrators."""
-    if islands := report["islands"]:
-        stride = pretty(islands["stride"], "length")
-        near = f"{100.0 * islands['fraction_of_bodies']:.0f} % of them could meet another within {stride} of sliding"
-        size = f"{islands['mean']:.1f} bodies on average, at most about {islands['largest']}"
-        print_line(f"bodies cover {islands['area_fraction']:.2f} of the area, {near}; expected islands: {size}")
-    if times := report["expected_times"]:
-        both = ", ".join(f"{name} about {duration(times[name])}" for name in ("implicit", "explicit"))
-        print_line(f"steps, on one core: {both}")
+def _print_plate(report: dict[str, Any]) -> None:
+    plate = report["upper_plate"]
+    if plate is None:
+        return
+    load = f"load {pretty(plate['load'], 'force')}" if plate["free"] else "height prescribed"
+    load += f", at most {pretty(plate['largest_load'], 'force')}" if plate["largest_load"] > plate["load"] else ""
+    if plate["preload"]:
+        total = plate["preload"] * plate["patches"]
+        load += f" and {pretty(plate['preload'], 'force')} of preload on each patch ({pretty(total, 'force')} more in all)"
+    carried = f", carried by {plate['loaded_at_once']} of {report['bodies']} bodies at once" if plate["loaded_at_once"] else ""
+    each = " on each" if plate["support"] == "load_per_particle" else ""
+    print(
+        f"upper plate: {plate['support']}, {plate['patches']} patch(es), {load}{each}{carried}, "
+        f"mass {plate['mass']:.3g} kg, damping {plate['damping']:.3g} kg/s, mean gap {pretty(plate['gap'], 'length')}"
+    )
+    if direct := plate["direct_contact"]:
+        pressure, length = pretty(direct["pressure_at_zero_gap"], "pressure"), pretty(direct["u0"], "length")
+        alone = pretty(direct["gap_without_debris"], "length")
+        print_line(
+            f"direct contact of the plates: {pressure} exp(-gap / {length}), friction {direct['friction']:g}; alone it would "
+            f"carry the load at a gap of {alone}"
+        )
+    print(f"expected overlap {report['expected_overlap_over_radius']:.2g} of the radius")
 
 
-def _limit(step: dict[str, Any]) -> str:
-    if step["limited_by"] == "the scene":
-        return "given by the scene"
-    return f"limited by {step['limited_by']} of body {step['body']}"
+def print_rough_plates(report: dict[str, dict[str, Any]]) -> None:
+    """Print a paragraph for each rough plate."""
+    for side, plate in report.items():
+        heights = f"rms height {pretty(plate['rms_height'], 'length')}, rms slope {plate['rms_slope']:.3g}"
+        extremes = f"from {pretty(plate['lowest'], 'length')} to {pretty(plate['highest'], 'length')}"
+        print_line(f"{side} plate: {heights}, {extremes}, shortest wavelength {pretty(plate['shortest_wavelength'], 'length')}")
+        valley, crest = plate["valley_curvature_times_radius"], plate["crest_curvature_times_radius"]
+        points = "spheres can touch at several points" if plate["several_contacts"] else "a sphere touches at one point"
+        sphere = f"radius of the largest sphere, {pretty(plate['largest_sphere'], 'length')}"
+        print_line(f"  curvature times the {sphere}: {valley:.2g} in valleys, {crest:.2g} on crests; {points}")
+        if plate["energy_of_merging_contacts_over_load"]:
+            length = pretty(plate["energy_of_merging_contacts_over_load"], "length")
+            print_line(f"  where two of its contacts become one, energy is made or lost: at most that of the load along {length}")
+        if plate["contact_radius"]:
+            wide = f"{plate['contact_radius_over_shortest_wavelength']:.2g} of the shortest wavelength"
+            print_line(f"  contact radius as on a flat plate {pretty(plate['contact_radius'], 'length')}, {wide}")
+
+
+def _print_bed(report: Mapping[str, Any]) -> None:
+    if scale := report["speed_scale"]:
+        wall = f"about {duration(report['estimated_wall_time'])} instead of {duration(scale['requested_wall_time'])}"
+        print_line(f"speed: {scale['text']}; {wall}")
+    if not (bed := report["bed"]):
+        return
+    numbers = ""
+    if bed["inertial_number"] is not None and bed["softness"] is not None:  # the pressure is known
+        numbers = (
+            f"inertial number {bed['inertial_number']:.2g} ({bed['inertial_number_largest']:.2g} of the largest body), softness "
+            f"{bed['softness']:.2g} (overlaps about {1.0 / bed['softness']:.1g} of the radius); "
+        )
+    layers = f"{bed['layers']:.1f} layers of {pretty(bed['median_diameter'], 'length')} (median diameter)"
+    print_line(f"debris of {layers}, {numbers}{bed['verdict']}")

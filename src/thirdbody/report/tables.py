@@ -1,11 +1,11 @@
-"""Output of the commands: tables for people, JSON for scripts, from the same dictionaries."""
+"""Output of the commands: tables for people, JSON for scripts, from the same dictionaries; what is said of a run."""
 
 from __future__ import annotations
 
 import json as json_module
 import math
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,11 +13,10 @@ import numpy as np
 
 from thirdbody.errors import InputError, printable
 from thirdbody.system.terminal import print_line, terminal_of
-from thirdbody.units import duration, pretty
+from thirdbody.units import duration, percent, pretty, quantity_text
 
 if TYPE_CHECKING:
-    from thirdbody.laws.registry import Registry
-    from thirdbody.trajectory.reader import Run
+    from thirdbody.trajectory.run_file import RunFile
 
 
 def table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
@@ -65,40 +64,18 @@ def print_warnings(warnings: Iterable[str]) -> None:
 
 def run_report(folder: Path, json: bool) -> None:
     """Print the short table that ends a run."""
-    from thirdbody.runner.accuracy_warnings import step_words
-    from thirdbody.runner.yield_check import yield_words
-    from thirdbody.trajectory.accommodation_fractions import accommodation_text
-    from thirdbody.trajectory.bed_verdict import bed_rows
-    from thirdbody.trajectory.reader import open_run
+    from thirdbody.trajectory.run_file import RunFile
 
-    with open_run(folder) as result:
+    with RunFile(folder) as result:
         report = result.summary()
         files = sorted(str(path) for path in folder.iterdir())
         if json:
             print_json(report | {"files": files})
             return
-        fractions = [
-            f"{name} {100.0 * result.series[f'fraction_{name}'][-1]:.1f} %"
-            for name in result.state_names
-            if f"fraction_{name}" in result.series
-        ]
-        rows = [
-            ("wall time", f"{report['wall_time']:.1f} s"),
-            ("steps", f"{report['steps']} ({report['sphere_steps_per_second']:.3g} sphere-steps/s)"),
-            *([("steps limited by", step_words(report))] if step_words(report) else []),
-            ("sliding distance", pretty(report["distance"], "length")),
-            *([("speed", speed_words(report))] if report.get("speed_scale") else []),
-            ("friction coefficient", str(result.friction)),
-            *_direct_rows(report),
-            *bed_rows(result.bed),
-            ("states", ", ".join(fractions)),
-            *_group_rows(report),
-            *([("velocity accommodation", accommodation_text(report["accommodation"]))] if "accommodation" in report else []),
-            *_relaxed_rows(report),
-            ("peak pressure", yield_words(report) or "not known"),
-            ("energy residual", "not known" if report["energy_residual"] is None else f"{report['energy_residual']:.2e}"),
-            ("files", f"{folder} ({', '.join(Path(file).name for file in files)})"),
-        ]
+        names = [name for name in result.state_names if f"fraction_{name}" in result.series]
+        fractions = [f"{name} {100.0 * result.series[f'fraction_{name}'][-1]:.1f} %" for name in names]
+        rows = [*_rows_before_states(result, report), ("states", ", ".join(fractions)), *_rows_after_states(report)]
+        rows.append(("files", f"{folder} ({', '.join(Path(file).name for file in files)})"))
         if report.get("stopped"):
             # the full reason ends the command, on standard error
             rows.insert(0, ("finished", f"no: {report['stopped'].split(' ')[0]} after {report['frames']} frame(s), kept"))
@@ -107,50 +84,47 @@ def run_report(folder: Path, json: bool) -> None:
         print_warnings(text for text in result.warnings if text not in before)
 
 
-def _direct_rows(report: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return how debris and direct contact of the plates carried the load together."""
-    if "load_share_debris" not in report:
-        return []
-    load, active = (f"{100.0 * report[name]:.3g} %" for name in ("load_share_debris", "active"))
-    return [("load on debris", f"{load}, on {active} of the bodies; the rest is direct contact of the plates")]
+def _rows_before_states(run: RunFile, report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    from thirdbody.runner.verdicts import step_words
+    from thirdbody.trajectory.bed import bed_rows
+
+    yield "wall time", f"{report['wall_time']:.1f} s"
+    yield "steps", f"{report['steps']} ({report['sphere_steps_per_second']:.3g} sphere-steps/s)"
+    if words := step_words(report):
+        yield "steps limited by", words
+    yield "sliding distance", pretty(report["distance"], "length")
+    if report.get("speed_scale"):  # computed at another speed than the scene asks for
+        time, wall = report["simulated_time"], report["wall_time"]
+        requested = duration(wall * report["scene_time"] / time) if time > 0.0 else "unknown"
+        yield "speed", f"{report['speed_scale']['text']}; {duration(wall)} instead of about {requested}"
+    yield "friction coefficient", str(run.friction)
+    if "load_share_debris" in report:
+        load, active = (f"{100.0 * report[name]:.3g} %" for name in ("load_share_debris", "active"))
+        yield "load on debris", f"{load}, on {active} of the bodies; the rest is direct contact of the plates"
+    yield from bed_rows(run.bed)
 
 
-def _relaxed_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return how far bodies that overlapped at the start were pushed apart."""
-    start = summary.get("initial_overlap")
-    if not start:
-        return []
-    far, mean = start["largest_displacement"], start["mean_displacement"]
-    distances = f", by {far:.2g} radii at most, {mean:.2g} in the mean" if start["bodies_moved"] else ""
-    return [("start relaxed", f"{start['bodies_moved']} of {summary['bodies']} bodies moved{distances}")]
+def _rows_after_states(report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    from thirdbody.runner.verdicts import yield_words
+    from thirdbody.trajectory.bed import accommodation_text
+    from thirdbody.trajectory.states import fractions_text, informative_groups
+
+    for _, rows in informative_groups({kind: report.get(f"{kind}s", []) for kind in ("population", "material")}):
+        for row in rows:
+            load = f", {100.0 * row['load_share']:.0f} % of the load" if "load_share" in row else ""
+            yield f"  {row['name']}", f"{fractions_text(row['fractions'])} (of {row['bodies']}{load})"
+    if "accommodation" in report:
+        yield "velocity accommodation", accommodation_text(report["accommodation"])
+    if start := report.get("initial_overlap"):
+        far, mean = start["largest_displacement"], start["mean_displacement"]
+        distances = f", by {far:.2g} radii at most, {mean:.2g} in the mean" if start["bodies_moved"] else ""
+        yield "start relaxed", f"{start['bodies_moved']} of {report['bodies']} bodies moved{distances}"
+    yield "peak pressure", yield_words(report) or "not known"
+    yield "energy residual", "not known" if report["energy_residual"] is None else f"{report['energy_residual']:.2e}"
 
 
-def speed_words(report: Mapping[str, Any]) -> str:
-    """Describe the two speeds of a run that was computed at another speed than its scene asks for, from its summary."""
-    time, wall = report["simulated_time"], report["wall_time"]
-    requested = duration(wall * report["scene_time"] / time) if time > 0.0 else "unknown"
-    return f"{report['speed_scale']['text']}; {duration(wall)} instead of about {requested}"
-
-
-def _group_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return the final states of every population, and of every material where populations share one: name and fractions."""
-    from thirdbody.trajectory.state_groups import fractions_text, informative_groups
-
-    kinds = {kind: summary.get(f"{kind}s", []) for kind in ("population", "material")}
-    return [
-        (f"  {row['name']}", f"{fractions_text(row['fractions'])} (of {row['bodies']}{_load(row)})")
-        for _, rows in informative_groups(kinds)
-        for row in rows
-    ]
-
-
-def _load(row: Mapping[str, Any]) -> str:
-    return f", {100.0 * row['load_share']:.0f} % of the load" if "load_share" in row else ""
-
-
-def _print_groups(run: Run, frame: int) -> None:
-    """Print the states of one frame by population, material and size."""
-    from thirdbody.trajectory.state_groups import informative_groups, states_by_group
+def _print_groups(run: RunFile, frame: int) -> None:
+    from thirdbody.trajectory.states import informative_groups, states_by_group
 
     headings = {"population": "by population", "material": "by material", "size": "by size (equivalent diameter)"}
     for kind, rows in informative_groups(states_by_group(run, frame)):
@@ -169,9 +143,9 @@ def states_report(path: Path, frame: int | None, json: bool, cycles: float | Non
 
     Raises InputError when the frame or the labels are missing, or the cycles that give a rate.
     """
-    from thirdbody.trajectory.reader import open_run
+    from thirdbody.trajectory.run_file import RunFile
 
-    with open_run(path) as run:
+    with RunFile(path) as run:
         if run.frames and "state" not in run.bodies(0):
             raise InputError(f"{run.path}: this run recorded no states: its bodies were not labelled")
         if frame is None:
@@ -180,11 +154,9 @@ def states_report(path: Path, frame: int | None, json: bool, cycles: float | Non
             _states_of_bodies(run, frame, json)
 
 
-def _states_over_frames(run: Run, json: bool, cycles: float | None) -> None:
-    from thirdbody.report.forecast_check import compare_forecast
-    from thirdbody.report.map_report import map_report, print_maps
-    from thirdbody.trajectory.run_summary import state_counts
-    from thirdbody.trajectory.state_groups import states_by_group
+def _states_over_frames(run: RunFile, json: bool, cycles: float | None) -> None:
+    from thirdbody.report.forecast import compare_forecast
+    from thirdbody.trajectory.states import state_counts, states_by_group
 
     names = run.state_names
     counts = state_counts(run) if run.frames else {}
@@ -195,15 +167,13 @@ def _states_over_frames(run: Run, json: bool, cycles: float | None) -> None:
     ]  # fmt: skip
     last = _reasons(run.states[-1], run.reasons[-1], names, run.reason_names) if rows else {}
     maps = map_report(run, cycles) if rows else {}
+    # reasons of all bodies of the scene; none where the file holds all of them
+    counted = [name for name in run.reason_names if f"count_{name}" in run.series] if rows else []
+    of_all = {name: count for name in counted if (count := int(run.series[f"count_{name}"][-1]))}
     if json:
         groups = {f"{kind}s": rows_of_kind for kind, rows_of_kind in states_by_group(run).items()}
-        whole = {"reasons_of_all": of_all} if rows and (of_all := _reasons_of_all(run)) else {}
-        print_json(
-            {"frames": rows, "reasons": last, "forecast": compare_forecast(run)}
-            | groups
-            | whole
-            | ({"maps": maps} if maps else {})
-        )
+        result = {"frames": rows, "reasons": last, "forecast": compare_forecast(run)} | groups
+        print_json(result | ({"reasons_of_all": of_all} if of_all else {}) | ({"maps": maps} if maps else {}))
         return
     if not rows:
         print_line(f"{run.path}: no frames yet")
@@ -218,26 +188,19 @@ def _states_over_frames(run: Run, json: bool, cycles: float | None) -> None:
                           *(str(row[name]) for name in names)] for row in rows])  # fmt: skip
     for state, by_reason in last.items():
         print_line(f"{state}: " + ", ".join(f"{reason} {count}" for reason, count in by_reason.items()))
-    if of_all := _reasons_of_all(run):
+    if of_all:
         print_line("reasons of all bodies: " + ", ".join(f"{reason} {count}" for reason, count in of_all.items()))
     print_maps(maps)
     _print_forecast(compare_forecast(run))
 
 
-def _reasons_of_all(run: Run) -> dict[str, int]:
-    """Return the number of bodies of the scene with each reason at the last frame; none where the file holds all bodies."""
-    counts = {name: int(run.series[f"count_{name}"][-1]) for name in run.reason_names if f"count_{name}" in run.series}
-    return {name: count for name, count in counts.items() if count}
-
-
 def _print_forecast(result: dict[str, Any]) -> None:
-    """Print the table, and the bodies for which forecast and observation differ."""
     if result and result["unwatched"]:
         count = result["unwatched"]
         print(f"{count} bodies have no frame within the first 40 contact radii of drag: output.every is too coarse")
     if not result or not result["forecast"]:
         return
-    from thirdbody.report.forecast_check import WATCHED
+    from thirdbody.report.forecast import WATCHED
 
     table(
         f"forecast at frame {result['frame']} against the first {WATCHED:g} contact radii of drag",
@@ -259,16 +222,7 @@ def _print_forecast(result: dict[str, Any]) -> None:
         if result[name]:
             shown = ", ".join(map(str, result[name][:20]))
             print(f"{text}: bodies {shown}" + (f" and {len(result[name]) - 20} more" if len(result[name]) > 20 else ""))
-    _print_conditions(result["conditions"])
-
-
-def _of(agree: int, report: int) -> str:
-    """Return `97 of 100 (97.0 %)`."""
-    return f"{agree} of {report}" + (f" ({100.0 * agree / report:.1f} %)" if report else "")
-
-
-def _print_conditions(conditions: Sequence[dict[str, Any]]) -> None:
-    """Print the assumptions of the forecast, evaluated for the run."""
+    conditions = result["conditions"]  # assumptions of the forecast, evaluated for the run
     missed = sum(not condition["satisfied"] for condition in conditions)
     verdict = f"{missed} of {len(conditions)} not met here" if missed else "all met here"
     table(
@@ -279,12 +233,16 @@ def _print_conditions(conditions: Sequence[dict[str, Any]]) -> None:
     )  # fmt: skip
 
 
-def _states_of_bodies(run: Run, frame: int, json: bool) -> None:
+def _of(agree: int, report: int) -> str:
+    return f"{agree} of {report}" + (f" ({100.0 * agree / report:.1f} %)" if report else "")
+
+
+def _states_of_bodies(run: RunFile, frame: int, json: bool) -> None:
     try:
         bodies = run.bodies(frame)
     except IndexError as error:
         raise InputError(f"--frame {frame}: {error}") from None
-    from thirdbody.trajectory.state_groups import code_name
+    from thirdbody.trajectory.states import code_name
 
     margins = [name for name in bodies if name.startswith("margin_")]
     several = "population" in bodies and len(np.unique(bodies["population"])) > 1
@@ -316,58 +274,36 @@ def _reasons(states: np.ndarray, codes: np.ndarray, names: Sequence[str], reason
     return result
 
 
-def laws_report(registry: Registry, json: bool) -> None:
-    """Print every law family with its levels, every effect, and what failed to load."""
-    owners = {family.name: plugin.name for plugin in registry.plugins for family in plugin.families}
-    families = [
-        {
-            "law": family.name,
-            "plugin": owners[family.name],
-            "level": level + (" (default)" if level == family.default_level else ""),
-            "chain": " > ".join(law.name for law in laws),
-        }
-        for family in registry.families.values()
-        for level, laws in family.levels.items()
-    ]
-    laws = [{"law": law.name, "stage": law.stage, "source": law.source} for law in registry.laws.values()]
-    effects = [
-        {"effect": name, "options": ", ".join(f"{o.name} ({o.dimension})" for o in effect.options), "source": effect.source}
-        for name, effect in registry.effects.items()
-    ]
-    measures = [
-        {"measure": name, "options": ", ".join(f"{o.name} ({o.dimension})" for o in measure.options), "source": measure.source}
-        for name, measure in registry.measures.items()
-    ]
-    if json:
-        all_failures = dict(registry.failures)
-        print_json({"families": families, "laws": laws, "effects": effects, "measures": measures, "failures": all_failures})
-        return
-    named = (("effects (named in [effects], else absent)", effects), ("measures (named in [measures], else absent)", measures))
-    for title, rows in (("law families", families), ("laws", laws), *named):
-        if rows:
-            table(title, tuple(rows[0]), [[str(value) for value in row.values()] for row in rows])
-            print()
-    for name, why in registry.failures.items():
-        print_line(f"plug-in {name} did not load: {why}")
+def map_report(run: RunFile, cycles: float | None) -> dict[str, list[dict[str, Any]]]:
+    """Return the rows of `Run.map_statistics` by what they are of: the run, and so many cycles; one where there is a rate.
+
+    Raises InputError for cycles without a rate, or without maps.
+    """
+    from thirdbody.trajectory.summary import NO_MAPS
+
+    if cycles is not None and not run.map_units:
+        raise InputError(f"{run.path}: cycles: {NO_MAPS}")
+    if cycles is None and len(run.cycles["cycle"]) > 1:
+        cycles = 1.0
+    wanted = {"run": None} if cycles is None else {"run": None, f"{cycles:g} cycle{'s' * (cycles != 1.0)}": cycles}
+    tables = {name: run.map_statistics(number) for name, number in wanted.items()} if run.map_units else {}
+    return {name: [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+            for name, columns in tables.items()}  # fmt: skip
 
 
-def conformance_report(files: Sequence[Path], json: bool) -> None:
-    """Run the conformance suite on all that plug-in files bring. Raises UsageError if a test fails."""
-    from thirdbody.errors import UsageError
-    from thirdbody.laws.conformance.suite import check, report
-    from thirdbody.laws.registry import load_file
+def print_maps(report: dict[str, list[dict[str, Any]]]) -> None:
+    """Print the result of `map_report`."""
+    for name, rows in report.items():
+        print()
+        table(
+            f"maps of the plates: {name}" + ("" if name == "run" else ", by the mean rate of whole cycles, without the first"),
+            ["plate", "map", "mean where any", "95 % below", "largest", "area", "total"],
+            [[row["plate"], row["map"], *(quantity_text(row[key], row["unit"]) for key in ("mean", "percentile_95", "largest")),
+              percent(row["area_fraction"]), _total(row["total"], row["total_unit"])] for row in rows],
+        )  # fmt: skip
+    if report:
+        print()
 
-    findings = []
-    for file in files:
-        plugin = load_file(file)
-        laws = {law.name: law for family in plugin.families for level in family.levels.values() for law in level}
-        others = {effect.name: effect for effect in plugin.effects}
-        labellers = {family.labeller.name: family.labeller for family in plugin.families if family.labeller}
-        findings += check([*(laws | others).values(), *plugin.measures, *labellers.values()])
-    if json:
-        print_json([finding.__dict__ for finding in findings])
-    else:
-        print(report(findings))
-    failed = [finding for finding in findings if not finding.passed]
-    if failed:
-        raise UsageError(f"{len(failed)} of {len(findings)} conformance tests failed")
+
+def _total(value: float, unit: str) -> str:
+    return f"{1e18 * value:.3g} um3" if unit == "m3" else quantity_text(value, unit)

@@ -19,9 +19,12 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
+from thirdbody import __version__
 from thirdbody.engine.snapshot import Snapshot
 from thirdbody.errors import Fault, InputError, OutputError
+from thirdbody.jit import cache
 from thirdbody.kernels.tables import body, body_extra
+from thirdbody.laws.generated import sources
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
@@ -67,10 +70,6 @@ class Checkpoint:
 
 def prints_of(simulation: Simulation) -> dict[str, str]:
     """Return fingerprints of the built scene at its start, by the names used in messages."""
-    from thirdbody import __version__
-    from thirdbody.jit import cache
-    from thirdbody.laws.generated import sources
-
     state, physics = simulation.state, simulation.state.physics
     tables: dict[str, list[Any]] = {
         "the bodies at the start": [

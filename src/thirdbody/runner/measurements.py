@@ -1,24 +1,29 @@
-"""What a run measures beside its frames: samples between outputs, measures of a bed."""
+"""What a run measures beside its frames: samples between outputs, a bed, the largest peak pressure, sums of measures."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from thirdbody.engine.candidates import AllRows
+from thirdbody.engine.measures import body_amounts
 from thirdbody.engine.state import State, table
 from thirdbody.errors import InputError, nearest
-from thirdbody.runner.output_schedule import settling_frames
+from thirdbody.laws.hertz import yield_limit
+from thirdbody.laws.measures import SUM
+from thirdbody.runner.stops import settling_frames
 from thirdbody.scene.model import Scene
 from thirdbody.trajectory.accommodation import accommodation, has_accommodation
 from thirdbody.trajectory.bed_measures import BedMeasures
-from thirdbody.trajectory.frame import FrameMaker
-from thirdbody.trajectory.interval_means import IntervalMeans, Sampler, body_velocities
-from thirdbody.trajectory.output_selection import ALL, ALWAYS, Selection
+from thirdbody.trajectory.contacts import FrameContacts
+from thirdbody.trajectory.frame import ALL, ALWAYS, FrameMaker, Selection
+from thirdbody.trajectory.names import LOWER_PLATE, UPPER_PLATE
 from thirdbody.trajectory.profiles import AXES, Profiler
-from thirdbody.trajectory.sample import sample_of
+from thirdbody.trajectory.sampling import IntervalMeans, Sampler, body_velocities, sample_of
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
@@ -26,16 +31,18 @@ if TYPE_CHECKING:
 
 def interval_means(simulation: Simulation, profiler: Profiler | None = None) -> IntervalMeans | None:
     """Return the means that the outputs of a run need, None where they need none. `profiler`: that of `profiler_of`."""
-    samplers = samplers_of(simulation)
-    if samplers and profiler:
-        samplers["profiles"] = profiler
-    if not samplers:
+    if not is_bed(simulation) or simulation.plan.kind != "explicit":
         return None
-    state = simulation.state
-    return IntervalMeans(state, samplers, lambda: interval_length(simulation), lambda: has_records(state))
+    state, drag = simulation.state, np.array([*simulation.integrator.drag, 0.0])
+    samplers: dict[str, Sampler] = {"velocity": body_velocities}
+    if has_accommodation(state, drag):
+        samplers["accommodation"] = partial(accommodation, drag)
+    if profiler:
+        samplers["profiles"] = profiler
+    return IntervalMeans(state, samplers, lambda: interval_length(simulation), lambda: _has_records(state))
 
 
-def has_records(state: State) -> bool:
+def _has_records(state: State) -> bool:
     """Return whether contacts have records. If not, as between the outputs of runs without labels, the next recorded step will
     write some."""
     slots = state.slots
@@ -43,15 +50,6 @@ def has_records(state: State) -> bool:
         return True
     slots.rows = AllRows(slots.H, table(slots.count, slots.R.shape[1]))
     return False
-
-
-def samplers_of(simulation: Simulation) -> dict[str, Sampler]:
-    """Return the quantities to be sampled by name."""
-    if not is_bed(simulation) or simulation.plan.kind != "explicit":
-        return {}
-    drag = np.array([*simulation.integrator.drag, 0.0])
-    samplers: dict[str, Sampler] = {"velocity": body_velocities}
-    return samplers | ({"accommodation": partial(accommodation, drag)} if has_accommodation(simulation.state, drag) else {})
 
 
 def profiler_of(simulation: Simulation) -> Profiler | None:
@@ -111,3 +109,71 @@ def interval_length(simulation: Simulation) -> float:
     if state.time < settle:
         return settle - state.time
     return simulation.schedule.time_of(state.distance + output.every, settle) - state.time
+
+
+def measured_summary(simulation: Simulation) -> dict[str, Any]:
+    """Return the entry `measures` of the summary: sums over the bodies, largest values of means and maxima; empty without any."""
+    measures = simulation.state.physics.measures
+    if measures is None:
+        return {}
+    amounts = body_amounts(simulation.state)
+    return {"measures": {c.name: float(amounts[c.name].sum() if c.kind == SUM else amounts[c.name].max(initial=0.0))
+                         for c in measures.layout.bodies}}  # fmt: skip
+
+
+class PeakPressure:
+    """Contact nearest to first yield, or farthest above it, over the frames of a run."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        state, self.materials = simulation.state, simulation.choice.materials
+        world, self.of_body = state.world, state.material[state.given]
+        plates = {LOWER_PLATE: world.lower, UPPER_PLATE: None if world.upper is None else world.upper.material}
+        self.of_plate = {side: material for side, material in plates.items() if material is not None}
+        self.limits = np.array([[yield_limit(a, b).pressure for b in self.materials] for a in self.materials])
+        self.ratio, self.pressure, self.pair, self.over = 0.0, 0.0, (0, 0), 0
+        self.flows = state.physics.loss == "plastic"
+
+    def export_state(self) -> dict[str, Any]:
+        """Return what a checkpoint holds of it."""
+        return {"ratio": self.ratio, "pressure": self.pressure, "pair": list(self.pair), "over": self.over}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from `export_state`. Raises KeyError, TypeError or ValueError."""
+        self.ratio, self.pressure, self.over = float(state["ratio"]), float(state["pressure"]), int(state["over"])
+        self.pair = (int(state["pair"][0]), int(state["pair"][1]))
+        if not 0 <= min(self.pair) <= max(self.pair) < len(self.materials):
+            raise ValueError(f"notes: pressure.pair is {self.pair}, expected numbers of {len(self.materials)} materials")
+
+    def update(self, contacts: FrameContacts) -> None:
+        """Update with the contacts of one frame."""
+        pressure, partner = contacts.peak_pressure, contacts.partner
+        if not len(pressure):
+            return
+        own, other = self.of_body[contacts.body], self.of_body[np.maximum(partner, 0)]
+        for side, material in self.of_plate.items():
+            other = np.where(partner == side, material, other)
+        ratio = pressure / self.limits[own, other]
+        worst = int(np.argmax(ratio))
+        self.over = max(self.over, int(np.count_nonzero(ratio > 1.0)))
+        self.pressure = max(self.pressure, float(pressure.max()))
+        if ratio[worst] > self.ratio:
+            self.ratio, self.pair = float(ratio[worst]), (int(own[worst]), int(other[worst]))
+
+    def summary(self) -> dict[str, Any]:
+        """Return largest peak pressure [Pa], largest ratio to first yield, that limit [Pa] or None, materials."""
+        a, b = (self.materials[k] for k in self.pair)
+        limit = yield_limit(a, b)
+        finite = math.isfinite(limit.pressure)
+        return {
+            "peak_pressure": self.pressure,
+            "first_yield": {
+                "ratio": self.ratio,
+                "pressure": limit.pressure if finite else None,
+                "between": [a.name, b.name],
+                "material": limit.material,
+                "yield_strength": limit.strength if finite else None,
+                "assumed": limit.assumed,
+                "contacts": self.over,
+                **({"flows": True} if self.flows else {}),
+            },
+        }

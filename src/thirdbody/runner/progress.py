@@ -103,14 +103,13 @@ def _bar(title: str) -> Iterator[Reporter]:
         TextColumn("{task.fields[line]}", markup=False),
     )
     with progress_bar(title[:40], 1.0, *columns) as update:
-        yield lambda progress: update(
-            completed=progress.fraction, left=_clock(progress.remaining), line=printable(headline(progress))
-        )
 
+        def report(progress: Progress) -> None:
+            seconds = progress.remaining
+            left = "-:--:--" if math.isnan(seconds) else str(timedelta(seconds=round(seconds)))
+            update(completed=progress.fraction, left=left, line=printable(headline(progress)))
 
-def _clock(seconds: float) -> str:
-    """Return a duration as hours, minutes and seconds; "-:--:--" where it is not known."""
-    return "-:--:--" if math.isnan(seconds) else str(timedelta(seconds=round(seconds)))
+        yield report
 
 
 def line_reporter(write: Callable[[str], None]) -> Reporter:

@@ -17,13 +17,15 @@ from thirdbody.atomic_files import write_whole
 from thirdbody.errors import Fault, InputError, OutputError, printable
 from thirdbody.export.paraview import SCRIPT_NAME
 from thirdbody.runner.checkpoint import FILE as CHECKPOINT
-from thirdbody.runner.folder_lock import lock_folder
+from thirdbody.trajectory.names import BLOCKS
 from thirdbody.trajectory.open_file import FILE_NAME
-from thirdbody.trajectory.schema import BLOCKS
 
 SCENE_FILE, LOG = "scene.toml", "run.log"
+
 REPLACEMENT = ".replacement"
+
 SIDECARS = tuple(f"{Path(FILE_NAME).stem}.{block}.vtkhdf" for block in BLOCKS)
+
 FILES = (CHECKPOINT, FILE_NAME, SCENE_FILE, SCRIPT_NAME, *SIDECARS, LOG)
 """Files that a run leaves in its folder, in the order in which those of a replacement are renamed."""
 
@@ -33,6 +35,31 @@ PARTS = re.compile("|".join([rf"({re.escape(CHECKPOINT)}|{re.escape(FILE_NAME)})
 
 NAMED = 5
 """Largest number of other files that a message names."""
+
+
+@contextmanager
+def lock_folder(folder: Path) -> Iterator[None]:
+    """Lock a folder while it is written to; the system releases it however the process ends, `kill -9` included.
+
+    Raises OutputError if another process holds the lock. Where the system cannot lock a folder nothing is locked.
+    """
+    try:
+        import fcntl
+
+        handle = os.open(folder, os.O_RDONLY)
+    except (ImportError, OSError):
+        yield
+        return
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise OutputError(f"{folder}: another process is writing this run") from None
+        except OSError:  # a file system without locks
+            pass
+        yield
+    finally:
+        os.close(handle)
 
 
 class RunFolder:
@@ -84,7 +111,6 @@ class RunFolder:
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
-    """Return the identity of a folder, independent of its name; None without a folder."""
     try:
         result = os.stat(path)
     except OSError:
@@ -115,7 +141,6 @@ def new_run_folder(path: Path, overwrite: bool) -> Iterator[RunFolder]:
 
 @contextmanager
 def _files_of_new_run(path: Path) -> Iterator[RunFolder]:
-    """Yield the folder as `new_run_folder` does; it exists and is locked."""
     _remove_leftovers(path)
     replaced = any((path / name).exists() for name in FILES)
     files = RunFolder(path, path / REPLACEMENT if replaced else path, usable=False)
@@ -149,7 +174,6 @@ def old_run_folder(path: Path) -> Iterator[RunFolder]:
 
 
 def _remove_leftovers(path: Path) -> None:
-    """Remove files that killed runs left in a folder, which must be locked."""
     _remove(path, _parts(path))
     inner = path / REPLACEMENT
     if inner.is_dir() and not inner.is_symlink():
@@ -172,43 +196,32 @@ def _parts(folder: Path) -> tuple[str, ...]:
 
 def refuse_existing(folder: Path, overwrite: bool) -> None:
     """Raise OutputError if the folder exists, unless empty or that of a run that may be overwritten, or cannot be created."""
-    if not _exists(folder):
+    try:
+        os.lstat(folder)  # even a link to nothing exists
+    except (FileNotFoundError, NotADirectoryError):
         above = next((path for path in folder.absolute().parents if os.path.exists(path)), None)
         _refuse_read_only(folder, above, "made")
         return
+    except (OSError, ValueError) as error:  # a name that the system refuses
+        raise OutputError(f"{folder}: cannot be made ({getattr(error, 'strerror', None) or error})") from error
     if not overwrite and not (folder.is_dir() and not folder.is_symlink() and not _names(folder)):
         raise OutputError(
             f"{folder}: exists already",
             python="; overwrite=True replaces it, out=... names another folder",
             command="; --overwrite replaces it, -o names another folder",
         )
-    _refuse_other_files(folder)
-    _refuse_read_only(folder, folder, "replaced")
-
-
-def _exists(path: Path) -> bool:
-    """Return whether the name exists, even as a link to nothing. Raises OutputError for a name that the system refuses."""
-    try:
-        os.lstat(path)
-    except (FileNotFoundError, NotADirectoryError):
-        return False
-    except (OSError, ValueError) as error:
-        raise OutputError(f"{path}: cannot be made ({getattr(error, 'strerror', None) or error})") from error
-    return True
-
-
-def _refuse_other_files(folder: Path) -> None:
-    """Raise OutputError for a folder that holds other files than those of a run, or no run."""
     if not folder.is_dir():
         raise OutputError(f"{folder}: is not the folder of a run and will not be overwritten")
     names = _names(folder)
-    others = [name for name in names if not (_is_ours(folder / name) or _is_own_folder(folder / name))]
+    others = [name for name in names if not (_is_ours(folder / name) or (name == REPLACEMENT and _is_run_only(folder / name)))]
     run = FILE_NAME in names or CHECKPOINT in names
     if others:
         what = "holds other files" if run else "is not the folder of a run: it holds other files"
-        raise OutputError(f"{folder}: {what} ({_listed(others)}) and will not be overwritten")
+        more = f" and {len(others) - NAMED} more" if len(others) > NAMED else ""
+        raise OutputError(f"{folder}: {what} ({', '.join(others[:NAMED])}{more}) and will not be overwritten")
     if not run and set(names) & set(FILES):
         raise OutputError(f"{folder}: is not the folder of a run: it has no {FILE_NAME}; it will not be overwritten")
+    _refuse_read_only(folder, folder, "replaced")
 
 
 def _names(folder: Path) -> list[str]:
@@ -219,17 +232,10 @@ def _names(folder: Path) -> list[str]:
 
 
 def _is_ours(path: Path) -> bool:
-    """Return whether it is a file that a run writes: by its name, and neither link nor folder."""
     return bool(path.name in FILES or PARTS.fullmatch(path.name)) and _is_plain(path)
 
 
-def _is_own_folder(folder: Path) -> bool:
-    """Return whether it is a folder that a run makes in its own: of a replacement."""
-    return folder.name == REPLACEMENT and _is_run_only(folder)
-
-
 def _is_run_only(folder: Path) -> bool:
-    """Return whether a folder holds only files of a run."""
     try:
         return not folder.is_symlink() and all(_is_ours(folder / name) for name in os.listdir(folder))
     except FileNotFoundError:  # another process has removed it since it was listed
@@ -246,11 +252,6 @@ def _is_plain(path: Path) -> bool:
         return True
 
 
-def _listed(names: list[str]) -> str:
-    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-    return ", ".join(names[:NAMED]) + more
-
-
 def _refuse_read_only(folder: Path, where: Path | None, verb: str) -> None:
     if where is None or not where.is_dir():
         raise OutputError(f"{folder}: cannot be {verb}: {where} is not a folder")
@@ -260,17 +261,11 @@ def _refuse_read_only(folder: Path, where: Path | None, verb: str) -> None:
 
 def refuse_links(folder: Path) -> None:
     """Raise InputError where a file of a run is a link, folder or device: writing would go elsewhere."""
-    ours = [name for name in _names(folder) if name in FILES or PARTS.fullmatch(name)]
-    faults = [
-        Fault("", f"is {_kind(folder / name)}; a run goes on only in regular files of its own", str(folder / name))
-        for name in ours
-        if not _is_plain(folder / name)
-    ]
+    faults = []
+    for name in _names(folder):
+        path = folder / name
+        if (name in FILES or PARTS.fullmatch(name)) and not _is_plain(path):
+            kind = "a symbolic link" if path.is_symlink() else "a folder" if path.is_dir() else "no regular file"
+            faults.append(Fault("", f"is {kind}; a run goes on only in regular files of its own", str(path)))
     if faults:
         raise InputError(faults)
-
-
-def _kind(path: Path) -> str:
-    if path.is_symlink():
-        return "a symbolic link"
-    return "a folder" if path.is_dir() else "no regular file"

@@ -18,12 +18,10 @@ from thirdbody.engine.snapshot import check, restore, snapshot
 from thirdbody.errors import InputError, Interrupted, OutputError
 from thirdbody.runner.checkpoint import FILE as CHECKPOINT
 from thirdbody.runner.checkpoint import THE_VERSION, Checkpoint, prints_of, write_checkpoint
-from thirdbody.runner.measurements import bed_measures, interval_means, profiler_of, selection_of
-from thirdbody.runner.output_schedule import targets
+from thirdbody.runner.measurements import PeakPressure, bed_measures, interval_means, profiler_of, selection_of
 from thirdbody.runner.progress import Progress, Reporter
 from thirdbody.runner.run_folder import RunFolder
-from thirdbody.runner.settling import Settling
-from thirdbody.runner.yield_check import PeakPressure
+from thirdbody.runner.stops import Settling, targets
 from thirdbody.system.freed_memory import keep_freed_memory
 from thirdbody.trajectory.frame import FrameMaker, impulses_of
 from thirdbody.trajectory.writer import TrajectoryWriter
@@ -114,16 +112,13 @@ class RunLoop:
         for target in islice(targets(simulation), self.reached, None):
             self.settling.advance(target, lambda time, path: integrator.advance_to(time, path, self._watch, self._stop_or_save))
             self.reached += 1
-            if target[2] and self._moved():
+            # one explicit step may pass several outputs
+            if target[2] and simulation.state.time > self.series["time"]:
                 self._write()
             elif integrator.divisible:
                 self._report_progress({})
             self._stop_or_save()
         self.export_state()
-
-    def _moved(self) -> bool:
-        """Return whether time has passed since the last frame: one explicit step may pass several outputs."""
-        return self.simulation.state.time > self.series["time"]
 
     def _begin_drag(self) -> None:
         """Have means over time, and over the output interval, begin with the drag."""
@@ -133,25 +128,21 @@ class RunLoop:
             self.means.finish()
 
     def export_state(self) -> None:
-        """Write a checkpoint."""
+        """Write a checkpoint of the present state, without copies."""
         begun = time.perf_counter()
-        checkpoint = self._checkpoint()
-        self.writer.sync()
-        self.files.check()
-        write_checkpoint(self.files.work_folder, checkpoint, self.folder)
-        self.written = time.perf_counter()
-        self.cost = self.written - begun
-
-    def _checkpoint(self) -> Checkpoint:
-        """Return the present state, without copies."""
         saved = snapshot(self.simulation.state, self.simulation.integrator, self.ledger)
         folder = str(self.simulation.scene.beside("").absolute())
-        return Checkpoint(
+        checkpoint = Checkpoint(
             self.text, folder, self.prints, self.writer.frames, self.reached, self.wall_time(), self.simulation.force,
             self.energy_guard.above, np.array(self.maker.impulses), saved, self.means.export_state() if self.means else {},
             self.pressure.export_state(), {name: np.asarray(value).tolist() for name, value in self.series.items()},
             self.maker.interval, self.settling.export_state(),
         )  # fmt: skip
+        self.writer.sync()
+        self.files.check()
+        write_checkpoint(self.files.work_folder, checkpoint, self.folder)
+        self.written = time.perf_counter()
+        self.cost = self.written - begun
 
     def _watch(self) -> None:
         """Check the energy and sample, at instants independent of the wall time since both belong to the result."""
@@ -191,14 +182,12 @@ class RunLoop:
         raise self._interrupted(f"{why} at t = {self.simulation.state.time:.6g} s; {self.writer.frames} frames are kept")
 
     def _interrupted(self, what: str) -> Interrupted:
-        """Return the error whose message explains how to continue."""
         folder = str(self.folder)
         return Interrupted(
             what, python=f"; to go on: thirdbody.resume({folder!r})", command=f"; to go on: thirdbody resume {quote(folder)}"
         )
 
     def _write(self) -> None:
-        """Write a frame of the current state."""
         simulation = self.simulation
         stored = self.ledger.watch(simulation.state)
         frame = self.maker.frame(simulation.integrator.label() if simulation.labeller else None, stored)
@@ -216,7 +205,6 @@ class RunLoop:
             slow.refuse_created_energy()
 
     def _report_progress(self, series: dict[str, Any]) -> None:
-        """Report the progress so far."""
         self.series = series or self.series
         if self.report is not None:
             slow = self._implicit()

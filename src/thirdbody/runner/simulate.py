@@ -1,95 +1,113 @@
-"""Run a scene: build, integrate from output to output, write the trajectory and the summary."""
+"""Run a scene: build, compile, integrate from output to output, write the trajectory and the summary."""
 
 from __future__ import annotations
 
 import os
 import platform
+import threading
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import asdict
+from numbers import Integral
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from thirdbody import __version__
 from thirdbody.atomic_files import write_whole
-from thirdbody.errors import GuardStop, Interrupted, OutputError, ThirdbodyWarning
+from thirdbody.engine.units import EXPLICIT, report_compilation, start_compiling, warm_up
+from thirdbody.errors import GuardStop, Interrupted, OutputError, ThirdbodyWarning, UsageError
 from thirdbody.export.paraview import write_paraview_files
-from thirdbody.runner.accuracy_warnings import ending_warnings, endings
+from thirdbody.jit.cache import paused
+from thirdbody.jit.threads import allow_threads, max_threads
+from thirdbody.laws.registry import discover
 from thirdbody.runner.checkpoint import Checkpoint
-from thirdbody.runner.measured import measure_warnings, measured_summary
-from thirdbody.runner.prepare import check_call, check_threads, prepare, set_threads
+from thirdbody.runner.measurements import measured_summary
 from thirdbody.runner.progress import Progress, Reporter, line_reporter, reporting, until_closed
-from thirdbody.runner.run_folder import SCENE_FILE, RunFolder, new_run_folder, old_run_folder, refuse_existing
+from thirdbody.runner.run_folder import SCENE_FILE, RunFolder, new_run_folder, old_run_folder
 from thirdbody.runner.run_loop import RunLoop, WallTimes
+from thirdbody.runner.verdicts import endings, warnings_at_end
 from thirdbody.scene.model import Scene
 from thirdbody.system.signals import stop_on_ctrl_c
 from thirdbody.trajectory.names import PROFILES, SERIES
-from thirdbody.trajectory.reader import FILE_NAME, Run, open_run
+from thirdbody.trajectory.open_file import FILE_NAME
+from thirdbody.trajectory.run_file import RunFile
 from thirdbody.trajectory.writer import TrajectoryWriter
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
 
+MANY = 512
+"""Bodies above which a run is most likely an ensemble (`engine.implicit_ensemble`)."""
 
-def run(
-    scene: Scene | str | os.PathLike[str] | Mapping[str, Any],
-    out: str | Path | None = None,
-    threads: int | None = None,
-    progress: bool | Reporter = True,
-    *,
-    overwrite: bool = False,
-    plugins: tuple[str | Path, ...] = (),
-    force: bool = False,
-) -> Run:
-    """Simulate a scene and return the opened result.
+_preparing = threading.Lock()
+"""Lock: one thread at a time compiles, since settings of compilation are process-wide (`engine.units`)."""
 
-    Parameters
-    ----------
-    scene : Scene, str, Path or dict
-        A scene, the path of a scene file, or a dictionary of tables with numbers in SI or text with units.
-    out : str or Path, optional
-        Folder of the run; None: `runs/<scene name>`.
-    threads : int, optional
-        Number of cores to use; None: all. Results have the same bits for any number.
-    progress : bool or callable
-        True: a bar, False: nothing. A callable gets a `Progress`: `fraction`, `simulated` and `elapsed` [s], `frame`, `series`.
-    overwrite : bool
-        Replace the run in the folder, once the new one has its first frame.
-    plugins : tuple of str or Path
-        Python files with a `PLUGIN` or `DEBRIS_KINDS`.
-    force : bool
-        Accept a time step above its bound.
 
-    Returns
-    -------
-    Run
+def prepare(scene: Scene, plugins: Iterable[str | Path] = (), force: bool = False, before: str = "") -> Simulation:
+    """Return the simulation of a scene, compiled and at time zero. Raises UsageError and InputError.
 
-    Raises
-    ------
-    UsageError, InputError, OutputError
-        The call, the scene or a file is wrong; the folder exists or cannot be written.
-    GuardStop, Interrupted
-        The run left its valid range; Ctrl-C in the main thread. The part computed so far can be opened, and `resume` continues
-        an interrupted run. A second Ctrl-C raises KeyboardInterrupt at once, as does one before the first step.
-
-    Examples
-    --------
-    >>> thirdbody.run("example.toml", out="runs/again", progress=False).summary()["finished"]
-    True
+    `before`: the integrator with which a run began, which goes on with it.
     """
-    check_call(plugins, progress, overwrite=overwrite, force=force)
-    notes = check_threads(threads)
-    scene = Scene.of(scene, plugins)
-    folder = Path(out) if out is not None else default_folder(scene)
-    refuse_existing(folder, overwrite)
-    return run_with_warnings(prepare(scene, plugins, force), folder, threads, progress, notes, overwrite=overwrite)
+    if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
+        raise UsageError("NUMBA_DISABLE_JIT is set: the engine runs compiled only; unset it")
+    with _preparing, paused("simulation"):
+        start_compiling(likely_units(scene))
+        report_compilation()
+        registry = discover(tuple(plugins))
+        from thirdbody.assembly.simulation import build  # while the units are compiled
+
+        return build(scene, registry, force, warm_up, before)
+
+
+def likely_units(scene: Scene) -> tuple[str, ...]:
+    """Return the units of compiled code (`engine.units`) that a scene needs most likely, before its bodies are made.
+
+    `assembly.integrator.units_of` tells which ones it needs.
+    """
+    upper, solver = scene.plates.upper, scene.solver
+    if upper is None or upper.support != "load_per_particle" or solver.integrator == "explicit" or solver.time_step != "auto":
+        return EXPLICIT
+    if scene.contact.debris_contact == "auto" and any(hasattr(debris, "placement") for debris in scene.debris):
+        return "driver", "pairs", "search", "books", "labels"
+    many = sum(getattr(debris, "count", None) or 1 for debris in scene.debris) > MANY
+    return ("driver", "ensemble", "search", "books", "labels") if many else ("driver", "search", "books", "labels")
+
+
+def check_call(plugins: object = (), progress: object = True, **flags: object) -> None:
+    """Raise UsageError for wrong types among the arguments of `run`, `check`, `resume` and `sweep`."""
+    wrong = [f"{name} = {flag!r}: must be True or False" for name, flag in flags.items() if not isinstance(flag, bool)]
+    if not isinstance(progress, bool) and not callable(progress):
+        wrong.append(f"progress = {progress!r}: must be True, False or a function")
+    several = isinstance(plugins, Collection) and not isinstance(plugins, str | bytes)
+    if not several or not all(isinstance(path, str | os.PathLike) for path in cast("Collection[object]", plugins)):
+        wrong.append(f"plugins = {plugins!r}: must be a tuple of paths, such as ('law.py',)")
+    if wrong:
+        raise UsageError("; ".join(wrong))
+
+
+def check_threads(threads: int | None) -> list[str]:
+    """Return a warning if `threads` exceeds the number of cores. Raises UsageError for what is no number of at least 1."""
+    if threads is None:
+        return []
+    if not isinstance(threads, Integral) or isinstance(threads, bool) or threads < 1:
+        raise UsageError(f"threads = {threads!r}: must be a whole number of at least 1")
+    maximum = max_threads()
+    return [f"{threads} threads were requested; {maximum} are used, as many as there are cores"] if threads > maximum else []
+
+
+def set_threads(threads: int | None) -> None:
+    """Set the number of threads of the compiled loops: all cores if None, and never more than there are."""
+    maximum = max_threads()
+    allow_threads(maximum if threads is None else min(threads, maximum))
 
 
 def run_with_warnings(
     simulation: Simulation, folder: Path, threads: int | None, progress: bool | Reporter, notes: Iterable[str], **options: Any
-) -> Run:
-    """Integrate a simulation for `run` and `resume`: with Python's warnings before and after it; return the opened run."""
+) -> None:
+    """Integrate a simulation for `run` and `resume` of `api`, with Python's warnings before and after it."""
     _warn([*notes, *simulation.warnings])
     before = set(simulation.warnings)
     with reporting(progress, simulation.scene.title, simulation.announcement) as report, stop_on_ctrl_c() as stop:
@@ -97,12 +115,11 @@ def run_with_warnings(
             execute(simulation, folder, threads, report, stop=stop, **options)
         except (GuardStop, Interrupted) as problem:
             if getattr(problem, "advanced", True) and (folder / FILE_NAME).exists():
-                with open_run(folder) as stopped:
+                with RunFile(folder) as stopped:
                     _warn(text for text in stopped.warnings if text not in before)
             raise
-    result = open_run(folder)
-    _warn(text for text in result.warnings if text not in before)
-    return result
+    with RunFile(folder) as result:
+        _warn(text for text in result.warnings if text not in before)
 
 
 def _warn(texts: Iterable[str]) -> None:
@@ -136,23 +153,17 @@ def execute(
     """
     set_threads(threads)
     with old_run_folder(folder) if checkpoint else new_run_folder(folder, overwrite) as files:
-        return _execute(simulation, RunLoop(simulation, files, _logged(report, files), stop, times or WallTimes()), checkpoint)
+        log = until_closed(line_reporter(files.log))
 
+        def both(progress: Progress) -> None:
+            log(progress)
+            if report is not None:
+                report(progress)
 
-def _logged(report: Reporter | None, files: RunFolder) -> Reporter:
-    """Return a reporter that also writes lines to the log of the run."""
-    log = until_closed(line_reporter(files.log))
-
-    def both(progress: Progress) -> None:
-        log(progress)
-        if report is not None:
-            report(progress)
-
-    return both
+        return _execute(simulation, RunLoop(simulation, files, both, stop, times or WallTimes()), checkpoint)
 
 
 def _execute(simulation: Simulation, loop: RunLoop, checkpoint: Checkpoint | None) -> dict[str, Any]:
-    """`execute` in an existing, locked folder."""
     files = loop.files
     problem: GuardStop | Interrupted | None = None
     if checkpoint is not None:
@@ -164,7 +175,7 @@ def _execute(simulation: Simulation, loop: RunLoop, checkpoint: Checkpoint | Non
             problem = error
         summary = _summary(simulation, loop, writer.frames, problem)
         writer.finish(summary)
-    with suppress(OSError), open_run(files.work_folder / FILE_NAME) as run:
+    with suppress(OSError), RunFile(files.work_folder / FILE_NAME) as run:
         files.log("finished" if problem is None else f"stopped: {problem.message}")
         for text in run.warnings:
             if text not in simulation.warnings:
@@ -176,7 +187,6 @@ def _execute(simulation: Simulation, loop: RunLoop, checkpoint: Checkpoint | Non
 
 @contextmanager
 def _opened(files: RunFolder, header: dict[str, Any], loop: RunLoop, checkpoint: Checkpoint | None) -> Iterator[TrajectoryWriter]:
-    """Yield the writer of a run, and write the other files of its folder."""
     with _writer(files, header, loop, checkpoint) as writer:
         try:
             write_whole(files.work_folder / SCENE_FILE, header["scene_text"].encode())
@@ -191,13 +201,12 @@ def _opened(files: RunFolder, header: dict[str, Any], loop: RunLoop, checkpoint:
 
 
 def _writer(files: RunFolder, header: dict[str, Any], loop: RunLoop, checkpoint: Checkpoint | None) -> TrajectoryWriter:
-    """Return a new trajectory, or that of the checkpoint, truncated to its frames."""
     path = files.path / FILE_NAME
     if checkpoint is None or not checkpoint.frames:
         surfaces = loop.simulation.surfaces
         static = loop.selection.static(loop.maker)
         return TrajectoryWriter(files.work_folder / FILE_NAME, header, static, (path, 0), surfaces, loop.selection)
-    with open_run(path) as before:
+    with RunFile(path) as before:
         # warnings of an earlier part still hold for it
         report = [text for text in before.header.get("warnings", []) if text not in header["warnings"]]
     header = header | {"warnings": [*report, *header["warnings"]]}
@@ -208,8 +217,6 @@ def run_header(simulation: Simulation) -> dict[str, Any]:
     """Return the metadata of the trajectory: scene, names, units, laws, versions."""
     import h5py
     import numba
-
-    from thirdbody import __version__
 
     scene, labeller = simulation.scene, simulation.labeller
     units = {name: entry.unit for name, entry in SERIES.items()}
@@ -266,7 +273,7 @@ def _summary(simulation: Simulation, loop: RunLoop, frames: int, problem: GuardS
         "frames": frames,
         "bodies": state.n_bodies,
         "spheres": state.n_spheres,
-        **({"initial_overlap": simulation.relaxed.document()} if simulation.relaxed else {}),
+        **({"initial_overlap": asdict(simulation.relaxed)} if simulation.relaxed else {}),
         **integration,
         "sphere_steps_per_second": integration["sphere_steps"] / wall if wall > 0.0 else 0.0,
         "simulated_time": state.time,
@@ -279,4 +286,4 @@ def _summary(simulation: Simulation, loop: RunLoop, frames: int, problem: GuardS
         # a guard trips in a step that was not recorded: the energy stored in its contacts is not known
         "energy_residual": None if isinstance(problem, GuardStop) else ledger.relative_residual(state, lines["residual"]),
     }
-    return result | {"warnings": [*ending_warnings(result), *measure_warnings(simulation)]}
+    return result | {"warnings": warnings_at_end(simulation, result)}

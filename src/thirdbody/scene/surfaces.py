@@ -23,7 +23,7 @@ from thirdbody.schema.fields import (
 )
 from thirdbody.schema.parts import Part, Wrong, one_or_more, table_by_leading_key
 from thirdbody.surfaces import grid
-from thirdbody.surfaces.height_map import TEXTS
+from thirdbody.surfaces.scan import TEXTS
 
 Direction = Annotated[float | Literal["x", "y"], Quantity(dimension="angle", words=("x", "y"))]
 

@@ -112,7 +112,7 @@ def make_copy(source: StudySource, target: float, few: bool, _stop: Callable[[],
     whose time is far off is replaced. `few`: with few frames, which take longer to write than a short run to integrate.
     """
     from thirdbody.runner.measurements import is_bed
-    from thirdbody.runner.prepare import prepare, set_threads
+    from thirdbody.runner.simulate import prepare, set_threads
     from thirdbody.scene.output import STORED
 
     scene = source.read()
@@ -164,7 +164,7 @@ def reduce_scene(
 
     `built`: the simulation of the scene, if there is one.
     """
-    from thirdbody.runner.prepare import prepare, set_threads
+    from thirdbody.runner.simulate import prepare, set_threads
 
     set_threads(1)
     built = built or prepare(scene, plugins)
@@ -204,7 +204,7 @@ def reductions(scene: Scene, bodies: int, settle: float, copy: Scene, built: Sim
 
 def seconds_of(built: Simulation) -> float:
     """Return the time of a run without its frames on one core [s], from a trial of it; infinite where a guard stops it."""
-    from thirdbody.report.integration_trial import expected_integration
+    from thirdbody.runner.outlook import expected_integration
 
     wall, cpu = time.perf_counter(), time.process_time()
     seconds = float(expected_integration(built)["estimated_step_time"])
@@ -301,7 +301,7 @@ def base_of(scene: Scene, built: Simulation, plugins: Sequence[str | Path]) -> B
     """Return the settings of the scene itself: its law and springs, its integrator, and the steps of both."""
     from thirdbody.engine.accuracy import Accuracy
     from thirdbody.engine.units import EXPLICIT, MARK
-    from thirdbody.runner.prepare import prepare
+    from thirdbody.runner.simulate import prepare
     from thirdbody.scene.tables import IMPLICIT_KEYS
 
     option = springs_option(built.choice.family, built.choice.level)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from thirdbody.errors import InputError, Interrupted, OutputError, UsageError
 from thirdbody.report.tables import as_plain, print_json
-from thirdbody.runner.folder_lock import lock_folder
+from thirdbody.runner.run_folder import lock_folder
 from thirdbody.studies.copies import Copy, CopyMemory, StudySource, make_copy
 from thirdbody.studies.cost import Study, compute_errors, one_pace
 from thirdbody.studies.cost_report import as_json, print_study

@@ -30,7 +30,7 @@ NOTHING = 1e-12
 
 def draw_study(built: Study, *paths: Path) -> None:
     """Write the picture (.png, .pdf or .svg), drawn once. Raises OutputError when it cannot be written."""
-    from thirdbody.plot.summary_page import save
+    from thirdbody.plot.figures import save
 
     figure = picture(built)
     for path in paths:

@@ -118,7 +118,7 @@ def with_cpu(function: Callable[..., Any], arguments: tuple[Any, ...], stop: Cal
 
 def time_point(point: Point, limit: float, stop: Callable[[], bool] = lambda: False) -> tuple[float, float]:
     """Return the seconds (wall, processor) of integrating a variant: medians of a batch. Raises GuardStop and Late."""
-    from thirdbody.runner.prepare import prepare, set_threads
+    from thirdbody.runner.simulate import prepare, set_threads
 
     set_threads(1)
     times: list[tuple[float, float]] = []
@@ -130,14 +130,14 @@ def time_point(point: Point, limit: float, stop: Callable[[], bool] = lambda: Fa
 
 def compile_point(point: Point, _stop: Callable[[], bool] = lambda: False) -> None:
     """Compile the law of a variant into the cache."""
-    from thirdbody.runner.prepare import prepare
+    from thirdbody.runner.simulate import prepare
 
     prepare(point.parsed(), point.plugins)
 
 
 def rate_point(point: Point, limit: float, _stop: Callable[[], bool] = lambda: False) -> float:
     """Return the expected seconds of integrating a variant on one core, from a trial of at most `limit` seconds."""
-    from thirdbody.runner.prepare import prepare, set_threads
+    from thirdbody.runner.simulate import prepare, set_threads
 
     set_threads(1)
     built = prepare(point.parsed(), point.plugins)

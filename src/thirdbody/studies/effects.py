@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from thirdbody.assembly.simulation import Simulation
 from thirdbody.errors import ThirdbodyError, UsageError, nearest
 from thirdbody.palette import INK, LINE_COLORS, SOFT_INK
-from thirdbody.runner.prepare import prepare
+from thirdbody.runner.simulate import prepare
 from thirdbody.scene.model import Scene
 from thirdbody.studies.compare import errors, read_outcome
 from thirdbody.studies.copies import StudySource, portable, reduce_scene, reductions
@@ -203,7 +203,7 @@ NOTHING = 1e-6
 
 def draw_effects(report: dict[str, Any], *paths: Path) -> None:
     """Write the picture of the result of `effects_study` (.png, .pdf or .svg). Raises OutputError when it cannot be written."""
-    from thirdbody.plot.summary_page import save
+    from thirdbody.plot.figures import save
 
     figure = picture(report)
     for path in paths:

@@ -238,7 +238,7 @@ def estimate(plan: Plan, workers: int | None) -> dict[str, Any]:
 def _trials(points: list[Point]) -> tuple[list[dict[str, Any]], list[str]]:
     """Return the reports of `thirdbody check` for some points, and why others cannot start."""
     from thirdbody.report.scene_check import check_report
-    from thirdbody.runner.prepare import prepare, set_threads
+    from thirdbody.runner.simulate import prepare, set_threads
 
     set_threads(1)
     trials, failures = [], []

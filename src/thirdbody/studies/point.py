@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from thirdbody.atomic_files import write_whole
 from thirdbody.errors import InputError, Interrupted, OutputError, ThirdbodyError
 from thirdbody.runner.checkpoint import FILE as CHECKPOINT
-from thirdbody.runner.folder_lock import lock_folder
+from thirdbody.runner.run_folder import lock_folder
 from thirdbody.scene.model import Scene
 
 if TYPE_CHECKING:
@@ -158,8 +158,8 @@ def _results(point: Point, stop: Callable[[], bool]) -> dict[str, float]:
 
 def _simulation(point: Point) -> tuple[Simulation, Checkpoint | None]:
     """Return the simulation of a point, and the checkpoint of its folder if there is one to go on from."""
-    from thirdbody.runner.prepare import prepare
     from thirdbody.runner.resume import prepare_resume
+    from thirdbody.runner.simulate import prepare
 
     if (point.folder / CHECKPOINT).is_file():
         try:

@@ -15,7 +15,7 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from thirdbody.errors import Interrupted, OutputError, ThirdbodyError
-from thirdbody.runner.folder_lock import lock_folder
+from thirdbody.runner.run_folder import lock_folder
 from thirdbody.studies.dask import DaskPoints, is_dask_client
 from thirdbody.studies.folder import Table, refuse_existing_sweep, save_plan
 from thirdbody.studies.plan import Plan
@@ -287,7 +287,7 @@ def warm_up(points: Sequence[Point]) -> int:
     A point that cannot be built is left to its own run, which gives the reason. Return the memory of this process then [bytes],
     about what a worker needs; 0 where it is unknown.
     """
-    from thirdbody.runner.prepare import prepare
+    from thirdbody.runner.simulate import prepare
 
     compiled: set[str] = set()
     for point in points[:: 1 + len(points) // EXAMINED]:

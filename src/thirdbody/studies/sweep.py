@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from thirdbody.errors import Fault, GuardStop, InputError, Interrupted, UsageError
-from thirdbody.runner.prepare import check_call
+from thirdbody.runner.simulate import check_call
 from thirdbody.scene.model import Scene
 from thirdbody.scene.settings import toml_value
 from thirdbody.schema.read import read_text

@@ -10,7 +10,7 @@ import numpy as np
 
 from thirdbody.errors import InputError, UsageError, nearest
 from thirdbody.palette import INK, LINE_COLORS, SOFT_INK, STATE_COLORS
-from thirdbody.plot.forecast_plot import check_format
+from thirdbody.plot.figures import check_format
 from thirdbody.studies.results import EVER, FRACTION
 from thirdbody.studies.sweep_table import Average, SweepTable, average
 from thirdbody.units import prefix_for
@@ -69,7 +69,7 @@ def draw_sweep(
         lines.append(f"mean over {', '.join(shown.averaged)} ({shown.largest} points{bars})")
     figure.suptitle("\n".join(lines), fontsize=11, color=INK)
     if out is not None:
-        from thirdbody.plot.summary_page import save
+        from thirdbody.plot.figures import save
 
         save(figure, out)
     return figure

@@ -100,8 +100,7 @@ def bare(built: Simulation, limit: float) -> tuple[float, float]:
     each output enters compiled code once for 512 bodies, which takes 0.1 ms for any variant: this is subtracted too, by calls
     that do nothing. Raises GuardStop as the run does, and Late after `limit` seconds of the processor.
     """
-    from thirdbody.runner.output_schedule import targets
-    from thirdbody.runner.settling import Settling
+    from thirdbody.runner.stops import Settling, targets
 
     integrator: Any = built.integrator
     calls, end, advance = 0, time.process_time() + limit, getattr(integrator, "advance_islands", None)

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
+# Code of a child. The folders come last in its search path, so that nothing in them hides an installed module.
 _START = """\
 import runpy, sys
 folders, module = sys.argv[1:3]
@@ -15,7 +16,6 @@ sys.path += [folder for folder in folders.splitlines() if folder not in sys.path
 sys.argv[:3] = [module]
 runpy.run_module(module, run_name="__main__", alter_sys=True)
 """
-"""Code of a child. The folders come last in its search path, so that nothing in them hides an installed module."""
 
 
 def python_command(module: str, *arguments: str) -> list[str]:

@@ -6,9 +6,9 @@ that is a seventh of the time of a frame.
 
 import ctypes
 
+# Parameters of `mallopt` (malloc.h of the GNU C library): free memory at the end of the heap above which it is returned; largest
+# number of tables outside of the heap.
 _TRIM_THRESHOLD, _MMAP_MAX = -1, -4
-"""Parameters of `mallopt` (malloc.h of the GNU C library): free memory at the end of the heap above which it is returned; largest
-number of tables outside of the heap."""
 
 
 def keep_freed_memory() -> None:

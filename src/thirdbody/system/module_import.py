@@ -6,8 +6,8 @@ import threading
 from pathlib import Path
 from types import ModuleType
 
+# Held from the test for a module until its import is complete: `sys.modules` lists a module before it has been executed.
 import_lock = threading.RLock()
-"""Held from the test for a module until its import is complete: `sys.modules` lists a module before it has been executed."""
 
 
 def import_file(name: str, path: Path) -> ModuleType:

@@ -23,13 +23,15 @@ def stop_on_signal() -> Iterator[Callable[[], bool]]:
 
     def note(number: int, _frame: object) -> None:
         if number == HANGUP:
-            _leave_lost_terminal(terminals)
+            # output to the closed terminal goes to the null device: writing there fails, and would end the run
+            nowhere = os.open(os.devnull, os.O_RDWR)
+            for terminal in terminals:
+                if not os.isatty(terminal):
+                    os.dup2(nowhere, terminal)
+            os.close(nowhere)
         elif number in caught:
             raise KeyboardInterrupt
         caught.append(number)
-
-    def stop() -> bool:
-        return bool(caught)
 
     terminals = [number for number in (0, 1, 2) if os.isatty(number)]
     numbers = [signal.SIGINT, signal.SIGTERM]
@@ -37,7 +39,7 @@ def stop_on_signal() -> Iterator[Callable[[], bool]]:
         numbers.append(HANGUP)
     before = {number: signal.signal(number, note) for number in numbers}
     try:
-        yield stop
+        yield lambda: bool(caught)
     except Interrupted as error:
         if caught:
             error.exit_code = 128 + caught[0]
@@ -71,12 +73,3 @@ def stop_on_ctrl_c() -> Iterator[Callable[[], bool]]:
             signal.signal(signal.SIGINT, usual)
     if caught:  # too late to stop anything here, but code after the run must end as well
         raise KeyboardInterrupt
-
-
-def _leave_lost_terminal(terminals: list[int]) -> None:
-    """Redirect output to a closed terminal to the null device: writing there fails, and would end the run."""
-    nowhere = os.open(os.devnull, os.O_RDWR)
-    for number in terminals:
-        if not os.isatty(number):
-            os.dup2(nowhere, number)
-    os.close(nowhere)

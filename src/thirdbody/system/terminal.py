@@ -1,4 +1,8 @@
-"""Safe output to the terminal: untrusted text cannot control it, and missing letters raise no error.
+"""Safe standard streams: they never raise, untrusted text cannot control the terminal, and missing letters raise no error.
+
+A closed reader or a full disk must not end a run: output that cannot be written is dropped, and the first fault of each stream
+is stored. A reader of standard output that stops early (`| head`) is no fault. Any other fault of standard output means that
+requested output was not delivered: exit code 5, as for files.
 
 All characters printed by the command line pass through `PrintableStream`. Only rich, which draws tables and bars with its own
 escape sequences, writes past it (`terminal_of`), with texts from `printable`.
@@ -15,11 +19,10 @@ from contextlib import ExitStack, contextmanager
 from functools import partial
 from typing import Any, TextIO
 
-from thirdbody.errors import printable
+from thirdbody.errors import OutputError, printable
 
 MINUS = "\u2212"
-ESCAPED = "thirdbody_escaped"
-"""Name under which `_escape` is registered as a codec error handler."""
+ESCAPED = "thirdbody_escaped"  # name under which `_escape` is registered as a codec error handler
 
 
 class PrintableStream:
@@ -74,18 +77,16 @@ def printable_output() -> Iterator[None]:
     with ExitStack() as stack:
         for stream in before:
             stack.enter_context(_escaped_letters(stream))
-        sys.stdout, sys.stderr = (PrintableStream(stream or _nowhere()) for stream in before)  # type: ignore[assignment]
+        # a closed stream is replaced on its own number, so that no other file gets that number
+        streams = (stream or open(os.devnull, "w", encoding="utf-8") for stream in before)
+        sys.stdout, sys.stderr = map(PrintableStream, streams)  # type: ignore[assignment]
         stack.enter_context(warnings.catch_warnings())
-        warnings.showwarning = _warn
+        # like all others, without the line of code that issued it
+        warnings.showwarning = lambda message, *_where, **_also: print_line(f"warning: {message}", err=True)
         try:
             yield
         finally:
             sys.stdout, sys.stderr = before
-
-
-def _warn(message: Warning | str, *_where: object, **_also: object) -> None:
-    """Print a Python warning like all others, without the line of code that issued it."""
-    print_line(f"warning: {message}", err=True)
 
 
 @contextmanager
@@ -111,11 +112,76 @@ def _escape(problem: UnicodeError) -> tuple[str | bytes, int]:
     return "-", problem.start + 1
 
 
-def _nowhere() -> TextIO:
-    """Return a stream that discards output, on the number of the closed one, so that no other file gets that number."""
-    return open(os.devnull, "w", encoding="utf-8")
-
-
 def print_line(text: object, *, err: bool = False) -> None:
     """Print one line, on standard error if `err`: line breaks within `text`, such as in a name, are escaped too."""
     print(printable(str(text)), file=sys.stderr if err else sys.stdout, flush=err)
+
+
+class _Stream(io.FileIO):
+    """A standard stream that stores its first fault, and drops all later output."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number, "w", closefd=False)
+        self.fault: OSError | None = None
+
+    def write(self, data: Any) -> int | None:  # type: ignore[override]  # None: not now, as in FileIO
+        if self.fault is None:
+            try:
+                return super().write(data)
+            except OSError as error:
+                self.fault = error
+        return len(data)
+
+
+@contextmanager
+def guarded_streams() -> Iterator[None]:
+    """Make standard output and error never raise. Raises SystemExit (5) at the end if standard output could not be written.
+
+    A stream closed by the caller (`>&-`) is redirected to the null device. Streams that other code has replaced stay unchanged. A
+    failed command keeps its exit code.
+    """
+    _open_missing()
+    before, code = (sys.stdout, sys.stderr), None
+    output, error = _guard(sys.stdout, sys.__stdout__, 1), _guard(sys.stderr, sys.__stderr__, 2)
+    sys.stdout, sys.stderr = output or before[0], error or before[1]
+    try:
+        try:
+            yield
+        except SystemExit as end:
+            code = end.code
+        sys.stdout.flush()
+        sys.stderr.flush()
+        fault = None if output is None else output.buffer.raw.fault  # type: ignore[attr-defined]
+        if fault is not None and not isinstance(fault, BrokenPipeError):
+            print(f"thirdbody: standard output: cannot be written ({fault.strerror or fault})", file=sys.stderr, flush=True)
+            code = code or OutputError.exit_code
+        if code is not None:
+            sys.exit(code)
+    finally:
+        sys.stdout, sys.stderr = before
+
+
+def _guard(stream: TextIO | None, original: TextIO | None, number: int) -> io.TextIOWrapper | None:
+    """Return the stream on a file that never raises; None if other code has replaced the stream."""
+    if not isinstance(stream, io.TextIOWrapper) or stream is not original or stream.fileno() != number:
+        return None
+    stream.flush()
+    return io.TextIOWrapper(
+        io.BufferedWriter(_Stream(number)), stream.encoding, stream.errors, line_buffering=stream.line_buffering,
+        write_through=stream.write_through,
+    )  # fmt: skip
+
+
+def _open_missing() -> None:
+    """Open the null device for closed standard streams; else the next file would get their number and be written to."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # the lowest free number, which is this one
+            os.set_inheritable(number, True)
+    for name, number in (("stdout", 1), ("stderr", 2)):
+        if getattr(sys, name) is None:
+            stream = open(number, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+            setattr(sys, name, stream)
+            setattr(sys, f"__{name}__", stream)

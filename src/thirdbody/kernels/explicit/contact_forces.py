@@ -33,11 +33,8 @@ GROUP = 8
 """Chunks of bodies per group. The data of a group stay in the near cache until it is done: 16 take as long, 4 take 5 to 8 %
 longer, since more contacts are between groups."""
 
-LARGEST = 1e300
-"""Bound of the square of a force [N2]; no force reaches it."""
-
-BODY_FRACTION = 0.5
-"""Fraction of the friction work between two bodies that each of them gets."""
+LARGEST = 1e300  # bound of the square of a force [N2]; no force reaches it
+BODY_FRACTION = 0.5  # fraction of the friction work between two bodies that each of them gets
 
 
 def scratch_sizes(n_history, longest, interaction=False):

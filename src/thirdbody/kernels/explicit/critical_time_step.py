@@ -33,7 +33,7 @@ FIELDS = ("own", "partner", "kind", "edges", "incidence", "body", "S", "B", "E",
 
 Assembly = namedtuple("Assembly", ("n_plates", *FIELDS))  # type: ignore[misc]
 """Number of candidates with plates, which come first; then bodies, patches and candidates by their names in
-`arguments.Context`. Usable as a context of `narrow_phase`."""
+`arguments.Context`. Usable as a context of `contact_geometry`."""
 
 
 class Horizon(NamedTuple):

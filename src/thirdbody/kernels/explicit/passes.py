@@ -23,7 +23,7 @@ from thirdbody.kernels.explicit.contact_forces import GROUP, add_force, contact_
 from thirdbody.kernels.plates import is_rough
 from thirdbody.kernels.step_tables import body_force, chunk_motion, drift_scratch
 from thirdbody.kernels.tables import body, body_extra, domain, orientation, remote_force, sphere
-from thirdbody.kernels.vectors import free_rotation, matrix, spin
+from thirdbody.kernels.vectors import free_rotation, matrix, spin, total
 
 
 @njit(**BARE)
@@ -60,7 +60,7 @@ def drift_ball(b, s, context, step, extrema):
         force, torque = none, w  # what follows them in the row of a sphere has no meaning
     store(S, s, sphere.END_VELOCITY, with_last(v + change, force))
     store(S, s, sphere.END_SPIN, with_last(w + rotation, torque))
-    square, (fastest, farthest, strange, low, high) = norm_squared(v), extrema
+    square, (fastest, farthest, strange, low, high) = total(v * v), extrema
     return (
         max(fastest, square), max(farthest, square * extract(fraction, 2) * extract(fraction, 2)), strange + none * x,
         simd.select_greater(low, x, x, low), simd.select_greater(x, high, x, high),
@@ -74,25 +74,17 @@ def check_sphere_limits(c, start, S, B, D, limits, dt, extrema):
     fastest, farthest, strange, low, high = extrema
     distance, step = math.sqrt(fastest) * dt, 2.0 * math.sqrt(farthest)
     outside = simd.less_mask(low, limits[0]) | simd.less_mask(limits[1], high)
-    there = (
-        simd.all_below(high, bodies.MAX_DISTANCE)
-        & simd.all_below(broadcast(0.0) - low, bodies.MAX_DISTANCE)
-        & simd.all_below(strange, 1.0)
-    )
+    there = simd.all_below(high, bodies.MAX_DISTANCE) & simd.all_below(broadcast(0.0) - low, bodies.MAX_DISTANCE)
+    there = there & simd.all_below(strange, 1.0)
     maximum, number, bad, out = -1.0, np.int64(0), np.int64(0), np.int64(0)
     if not ((outside == 0) & there & (step <= D[domain.TRAVEL_GUARD])):
         for b in range(c * BODIES, min((c + 1) * BODIES, B.shape[0])):
             if B[b, body.SPHERE_INERTIA] != 0.0:
-                ratio = math.sqrt(norm_squared(load(B, b, body.VELOCITY))) * dt / S[start[b], sphere.RADIUS]
+                v = load(B, b, body.VELOCITY)
+                ratio = math.sqrt(total(v * v)) * dt / S[start[b], sphere.RADIUS]
                 bad, out = bodies.check_position(b, load(B, b, body.POSITION), ratio, limits, bad, out)
                 maximum, number = (ratio, np.int64(b)) if ratio > maximum else (maximum, number)
     return distance, step, number, bad, out
-
-
-@njit(**BARE)
-def norm_squared(v):
-    p = v * v
-    return extract(p, 0) + extract(p, 1) + extract(p, 2)
 
 
 @njit(**BARE)

@@ -36,14 +36,9 @@ class Stop(IntEnum):
     RECORD = 8  # the target is one step ahead, and there is no table for the records of contacts
 
 
-NEARLY = 1.000001
-"""A target that is missed only by rounding counts as reached, so that the run does not add a step for it."""
-
-PARTS_PER_THREAD = 4
-"""Parts of a pass per thread: if a thread is delayed, its last part goes to another thread."""
-
-ANNOUNCED = 1 + len(Step._fields)
-"""Numbers of a pass as the helpers get it: its number, then the fields of `Step`."""
+NEARLY = 1.000001  # a target that is missed only by rounding counts as reached, so that the run does not add a step for it
+PARTS_PER_THREAD = 4  # parts of a pass per thread: if a thread is delayed, its last part goes to another thread
+ANNOUNCED = 1 + len(Step._fields)  # numbers of a pass as the helpers get it: its number, then the fields of `Step`
 
 FEW = 2
 """Groups below which one thread does all: some 100 us of work. Waking others costs 5 us, or ms if their cores are busy."""
@@ -127,9 +122,8 @@ def update_ledger(context, step):
     there is a ledger for each group of them, else one for all."""
     A, ledgers, P, n = context.A, context.ledgers, context.P, context.B.shape[0]
     if ledgers.shape[0] == 0:
-        book_step(
-            A, np.int64(0), np.int64(context.lowest.shape[0]), patch_powers(P, np.int64(0), np.int64(P.shape[0])), context, step
-        )
+        powers = patch_powers(P, np.int64(0), np.int64(P.shape[0]))
+        book_step(A, np.int64(0), np.int64(context.lowest.shape[0]), powers, context, step)
     for g in range(ledgers.shape[0]):
         first, last = g * GROUP * BODIES, min((g + 1) * GROUP * BODIES, n)
         if P.shape[0] == n:

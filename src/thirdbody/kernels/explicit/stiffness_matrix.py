@@ -12,15 +12,9 @@ from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import broadcast, broadcast_lane, cross, extract, load, set4, store, transpose, with_last
 from thirdbody.kernels.bodies import quaternion
 from thirdbody.kernels.tables import body_extra
-from thirdbody.kernels.vectors import matrix
+from thirdbody.kernels.vectors import matrix, total
 
-SAFE = 1.0 + 1e-9
-"""Factor on norms, so that rounding excludes no body, not even one of equal stiffness."""
-
-
-@njit(**BARE)
-def total(v):
-    return extract(v, 0) + extract(v, 1) + extract(v, 2)
+SAFE = 1.0 + 1e-9  # factor on norms, so that rounding excludes no body, not even one of equal stiffness
 
 
 @njit(**BARE)

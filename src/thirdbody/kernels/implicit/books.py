@@ -38,15 +38,13 @@ END = types.UniTuple(_D, 2)(_I, _D, _D, _B, CONTEXT)
 
 book_at, write_at, end_at = function_at(BOOK), function_at(WRITE), function_at(END)
 
-STEP_COLUMNS = np.int64(sphere.MID_VELOCITY), np.int64(sphere.MID_SPIN)
-"""Of `plates.surface_velocity`: of the step."""
+STEP_COLUMNS = np.int64(sphere.MID_VELOCITY), np.int64(sphere.MID_SPIN)  # of `plates.surface_velocity`: of the step
 
 FLOOR = 0.02
 """Floor of the scale of the friction-work error, as a fraction of friction limit times critical slip summed over the contacts: a
 tenth of what is dissipated when the set of loaded contacts changes once."""
 
-MIN_CUT = 1e5
-"""Shortest step cut for this error, in units of the shortest step tried."""
+MIN_CUT = 1e5  # shortest step cut for this error, in units of the shortest step tried
 
 GROWN = 0.75
 """Error of the tangential force of a contact whose radius changes within the step, over relative change of radius times friction

@@ -122,12 +122,10 @@ def contact_moment(q, context, tile):
 
 
 Vector = tuple[float, float, float]
-Tensor = tuple[float, float, float, float, float, float]
-"""Symmetric: xx, yy, zz, xy, xz, yz."""
+Tensor = tuple[float, float, float, float, float, float]  # symmetric: xx, yy, zz, xy, xz, yz
 
 NOWHERE, ZERO_TENSOR = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-PLANE = ZERO_TENSOR, NOWHERE, ZERO_TENSOR
-"""Shape of a plane: bend, gradient and its change."""
+PLANE = ZERO_TENSOR, NOWHERE, ZERO_TENSOR  # shape of a plane: bend, gradient and its change
 
 
 class Side(NamedTuple):
@@ -206,7 +204,7 @@ def plate_contact(q, b, dt, shape, context, space):
     """Return contact q of body b, with a plate, as a `Contact` of the equations of this body alone; `shape`: see `contact_of`."""
     k = space.slots[q]
     owner = owner_side(q, context.own[k], np.int64(0), 1.0, context.S, space.geometry)
-    sides = owner, Side(-1, np.int64(6) if is_upper(context.partner[k]) else np.int64(-1), 1.0, NOWHERE, NOWHERE, 0.0)
+    sides = owner, Side(-1, 6 if is_upper(context.partner[k]) else -1, 1.0, NOWHERE, NOWHERE, 0.0)
     return contact_of(q, space.before[k - context.plate_edges[b]], dt, sides, shape, context, space)
 
 
@@ -214,11 +212,8 @@ def plate_contact(q, b, dt, shape, context, space):
 def moment_rows(r, rows, p, arm):
     """Return the rows of r x A - p arm, where `rows` are those of A."""
     x, y, z = r
-    return (
-        scaled_sum(y, rows[2], -z, rows[1], -p[0], arm),
-        scaled_sum(z, rows[0], -x, rows[2], -p[1], arm),
-        scaled_sum(x, rows[1], -y, rows[0], -p[2], arm),
-    )
+    first, second = scaled_sum(y, rows[2], -z, rows[1], -p[0], arm), scaled_sum(z, rows[0], -x, rows[2], -p[1], arm)
+    return first, second, scaled_sum(x, rows[1], -y, rows[0], -p[2], arm)
 
 
 @njit(**BARE)
@@ -235,11 +230,8 @@ def add_planar(contact, J):
     (n, e, g), (k_n, xx, xy, yx, yy, xd, yd) = contact.frame, contact.tangent
     r, f, a = contact.owner.point, contact.force, contact.owner.centre
     t_1, t_2 = scaled_sum(xx, e, xy, g, -xd, n), scaled_sum(yx, e, yy, g, -yd, n)
-    A = (
-        scaled_sum(e[0], t_1, g[0], t_2, -k_n * n[0], n),
-        scaled_sum(e[1], t_1, g[1], t_2, -k_n * n[1], n),
-        scaled_sum(e[2], t_1, g[2], t_2, -k_n * n[2], n),
-    )
+    a_1, a_2 = scaled_sum(e[0], t_1, g[0], t_2, -k_n * n[0], n), scaled_sum(e[1], t_1, g[1], t_2, -k_n * n[1], n)
+    A = a_1, a_2, scaled_sum(e[2], t_1, g[2], t_2, -k_n * n[2], n)
     force_by_rotation = cross(r, A[0]), cross(r, A[1]), cross(r, A[2])
     x, y, z = cross(n, f)
     p, along_arm = (0.5 * x, 0.5 * y, 0.5 * z), dot(a, f)

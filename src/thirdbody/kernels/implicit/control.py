@@ -34,11 +34,8 @@ TRAVEL = 0.12
 """Largest displacement of a sphere relative to a rough plate in one step, in radii: minima of the distance are searched for after
 each step, in all directions."""
 
-OF_A_BODY = 4
-"""Number of causes due to a body; the others are due to the scene."""
-
-CAUSES = tuple(limit.name.lower() for limit in StepLimit)
-"""Names of the causes by code, as in `summary()`."""
+OF_A_BODY = 4  # number of causes due to a body; the others are due to the scene
+CAUSES = tuple(limit.name.lower() for limit in StepLimit)  # names of the causes by code, as in `summary()`
 
 WORDS = (
     "the error of a step (solver.tolerance)", "spots that touch for the first time", "failures of Newton's method",
@@ -74,14 +71,9 @@ TETHER, TOLERANCE_FACTOR = 1e-8, 100.0
 """Without inertia: stiffness of the spring to the start position over that of the body, and factor of the tolerance, which may be
 looser because no velocity is carried over."""
 
-HARD = 4
-"""A step rejected more often than this counts as hard."""
-
-EASY = 8
-"""Largest number of iterations after which the step may grow."""
-
-NEARLY = 1.0 - 1e-9
-"""A step of this fraction of the remaining interval covers all of it."""
+HARD = 4  # a step rejected more often than this counts as hard
+EASY = 8  # largest number of iterations after which the step may grow
+NEARLY = 1.0 - 1e-9  # a step of this fraction of the remaining interval covers all of it
 
 
 @njit(**BARE)

@@ -191,8 +191,6 @@ def advance_islands(first, last, until, tries, packed, tables, packed_scratch):
 
 # -- ensembles --
 
-Array = np.ndarray
-
 _WORDS = first_words(KINDS)
 H_ADDRESS, R_ADDRESS, S_ADDRESS = (_WORDS[name] for name in ("H", "R", "S"))
 """Words of the packed arguments that hold the addresses of the tables that exist for one body at a time."""
@@ -216,10 +214,10 @@ class Span(NamedTuple):
 class OneBody(NamedTuple):
     """Tables with room for the candidates and the spheres of any body; radii of all spheres, or none where spheres are kept."""
 
-    H: Array
-    R: Array
-    S: Array
-    radii: Array
+    H: np.ndarray
+    R: np.ndarray
+    S: np.ndarray
+    radii: np.ndarray
 
 
 @njit(**BARE)

@@ -27,8 +27,7 @@ CONVERGED, ACCEPTED = 1e-9, 1e-6
 laws. Where all contacts slip, only inertia resists, and the remaining residual moves the body: 1e-9 keeps that motion below the
 error of a step."""
 
-ROUNDING = 1e-15
-"""Relative rounding error of heights; its effect on the contact forces is not counted as residual."""
+ROUNDING = 1e-15  # relative rounding error of heights; its effect on the contact forces is not counted as residual
 
 SETTLED, SETTLED_RADII, SETTLED_FORCE = 1e-3, 1e-6, 1e-8
 """With inertia the iteration also ends before a correction of at most SETTLED times the error allowed in a step and SETTLED_RADII
@@ -63,8 +62,7 @@ ALONE = Patience(10, 4, 0)
 """Of one body. Halving instead of leaping: of 1000 clumps that slide 100 um half as many steps fail without, in a third fewer
 evaluations."""
 
-TOGETHER = Patience(16, 2, 1)
-"""Of several bodies: more iterations, since a shorter step is one of all of them."""
+TOGETHER = Patience(16, 2, 1)  # of several bodies: more iterations, since a shorter step is one of all of them
 
 
 class Outcome(IntEnum):
@@ -201,11 +199,8 @@ def effects_on(context, island):
 def displacement(x, per_arm, r, upper):
     """Return the displacement (3,) [m] relative to its plate of the point r (3,) of the body by the correction x of its
     coordinates; `per_arm`: one over the arm of the body [1/m]."""
-    return (
-        x[0] + (x[4] * r[2] - x[5] * r[1]) * per_arm,
-        x[1] + (x[5] * r[0] - x[3] * r[2]) * per_arm,
-        x[2] + (x[3] * r[1] - x[4] * r[0]) * per_arm - (x[6] if upper else 0.0),
-    )
+    u_x, u_y = x[0] + (x[4] * r[2] - x[5] * r[1]) * per_arm, x[1] + (x[5] * r[0] - x[3] * r[2]) * per_arm
+    return u_x, u_y, x[2] + (x[3] * r[1] - x[4] * r[0]) * per_arm - (x[6] if upper else 0.0)
 
 
 @njit(**BARE)

@@ -29,8 +29,7 @@ from thirdbody.kernels.vectors import matrix, rotate
 
 law_at, effects_at = function_at(LAW), function_at(EFFECTS)
 
-MAX_ROTATION = 0.05
-"""Largest rotation in a step [rad]: slip is computed for rotation about one fixed axis."""
+MAX_ROTATION = 0.05  # largest rotation in a step [rad]: slip is computed for rotation about one fixed axis
 
 
 @njit(**BARE)

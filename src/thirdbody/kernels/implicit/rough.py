@@ -25,8 +25,7 @@ from thirdbody.kernels.plates import BASINS, is_upper
 from thirdbody.kernels.step_tables import step_memory
 from thirdbody.kernels.tables import domain, height_field, sphere, surface_contact
 
-STEP = 1e-4
-"""Length of the differences, in units of a cell."""
+STEP = 1e-4  # length of the differences, in units of a cell
 
 
 @njit(**BARE)
@@ -67,8 +66,7 @@ def write_gradient_change(k, field, x, radius, upper, Q):
     Q[k, t + 4], Q[k, t + 5] = up * xz * inverse, up * yz * inverse
 
 
-MARGIN = 0.15
-"""Largest gap of a minimum that is followed, in radii: more than `control.TRAVEL` and `minima.MOVED` together."""
+MARGIN = 0.15  # largest gap of a minimum that is followed, in radii: more than `control.TRAVEL` and `minima.MOVED` together
 
 FAR = 1.02
 """Distance over the radius beyond which a minimum that cannot touch in a step is not followed: its distance is then a bound."""

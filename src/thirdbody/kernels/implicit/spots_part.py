@@ -19,8 +19,7 @@ from thirdbody.kernels.plates import is_lower, is_upper
 from thirdbody.kernels.tables import sphere
 from thirdbody.kernels.tile import TILE, contact_tangent, geometry
 
-ACCURACY = 1e-9
-"""Change of a relieved strain over the largest that ends the sweeps: of a tangent, not of a force."""
+ACCURACY = 1e-9  # change of a relieved strain over the largest that ends the sweeps: of a tangent, not of a force
 
 
 @njit(**BARE)

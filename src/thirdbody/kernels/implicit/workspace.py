@@ -21,14 +21,11 @@ from thirdbody.kernels.step_tables import contact_sums, step_contacts, step_memo
 from thirdbody.kernels.tables import observed_body
 from thirdbody.kernels.tile import TILE, contact_tangent, geometry, law_input, law_output, rolling_input, rolling_output
 
-Array = np.ndarray
-
 FREEDOMS = 7
 """Coordinates of a body and its patch: displacement of the centre of mass (3,) [m], rotation vector of the step times the arm of
 the body (3,) [m] in world axes, and rise of its patch of the upper plate [m]."""
 
-MOTION = types.NamedUniTuple(types.float64, 3, Motion)
-"""Numba's type of a `Motion`."""
+MOTION = types.NamedUniTuple(types.float64, 3, Motion)  # numba's type of a `Motion`
 
 _I, _I1, _S1 = types.int64, types.Array(types.int64, 1, "C"), types.Array(types.int32, 1, "C")
 _ROW, _TABLE, _STACK = (types.Array(types.float64, n, "C") for n in (1, 2, 3))
@@ -130,14 +127,12 @@ SCRATCH: Kinds = {
 }  # fmt: skip
 """Types of the scratch of a thread, by name."""
 
-Scratch, THREAD, scratch_of = packed("Scratch", SCRATCH)
-"""Scratch for one island at a time."""
+Scratch, THREAD, scratch_of = packed("Scratch", SCRATCH)  # scratch for one island at a time
 
 PART = types.void(_I, _I, _I, _I, MOTION, CONTEXT, ISLAND_TABLES, THREAD)
 """part(stage, island, position of the body in it, number of contacts, motion, context, islands, scratch)"""
 
-UPDATE_MINIMA = types.void(_I, *UPDATE.args)
-"""update_minima(stage, first candidate, last + 1, tables)"""
+UPDATE_MINIMA = types.void(_I, *UPDATE.args)  # update_minima(stage, first candidate, last + 1, tables)
 
 part_at, update_minima_at = function_at(PART), function_at(UPDATE_MINIMA)
 
@@ -183,28 +178,20 @@ def make_scratch(context: Any, bodies: int, pairs: int, band: int, row: int) -> 
     whole = {"slots": (bodies, TILE), "pivots": (FREEDOMS * bodies,), "counts": (bodies,), "pair_slots": (tiles, TILE + SPARE)}
     tables |= {name: np.zeros(shape) for name, shape in shapes.items()}
     tables |= {name: np.zeros(shape, np.int64) for name, shape in whole.items()}
-    packed = {"spaces": spaces_of(tables), "pair_spaces": pair_spaces_of(tables)}
+    packed = dict(zip(("spaces", "pair_spaces"), spaces_of(tables), strict=True))
     return Scratch(**tables, **{name: np.array([Packer(SPACE)(space) for space in spaces]) for name, spaces in packed.items()})
 
 
-def spaces_of(tables: dict[str, Array]) -> list[Any]:
-    """Return the `Space` of each body in tables of `SCRATCH`."""
-    rows = [tables[name] for name in ("inputs", "outputs", "tangents", "geometry", "slots", "before")]
-    others = [tables[name] for name in ("jacobian", "diagnostics", "sums", "starts")]
-    return [
-        Space(*(table[a] for table in rows), *tables["coordinates"][a], *(table[a] for table in others))
+def spaces_of(tables: dict[str, np.ndarray]) -> tuple[list[Any], list[Any]]:
+    """Return the `Space` of each body, and of each tile of contacts between bodies, in tables of `SCRATCH`."""
+    rows, others = ("inputs", "outputs", "tangents", "geometry", "slots"), ("jacobian", "diagnostics", "sums", "starts")
+    none, no_sums = np.zeros(0), np.zeros((0, contact_sums.WIDTH))
+    bodies = [
+        Space(*(tables[name][a] for name in (*rows, "before")), *tables["coordinates"][a], *(tables[name][a] for name in others))
         for a in range(len(tables["slots"]))
     ]
-
-
-def pair_spaces_of(tables: dict[str, Array]) -> list[Any]:
-    """Return the `Space` of each tile of contacts between bodies in tables of `SCRATCH`."""
-    rows = [tables[f"pair_{name}"] for name in ("inputs", "outputs", "tangents", "geometry", "slots")]
-    none = np.zeros(0)
-    return [
-        Space(*(table[t] for table in rows), *[none] * 7, np.zeros((0, contact_sums.WIDTH)), none)  # type: ignore[call-arg]
-        for t in range(len(tables["pair_slots"]))
-    ]
+    pairs = range(len(tables["pair_slots"]))
+    return bodies, [Space(*(tables[f"pair_{name}"][t] for name in rows), *[none] * 7, no_sums, none) for t in pairs]  # type: ignore[call-arg]
 
 
 class Island(NamedTuple):

@@ -1,0 +1,322 @@
+"""Panels of the bed: states by group, velocity accommodation, how slowly it is sheared, profiles, contacts at one frame."""
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
+
+from thirdbody.granular_flow import SLOW
+from thirdbody.palette import LINE_COLORS as LINES
+from thirdbody.palette import SPARE_COLORS
+from thirdbody.plot.run_data import BETWEEN, PERCENT, Panel, RunData, label_axis, no_labels
+from thirdbody.trajectory.bed import WORDS, accommodation_fractions, short_accommodation_text
+from thirdbody.trajectory.states import POPULATION, fractions_text, informative_groups, states_by_group
+from thirdbody.units import percent, quantity_text, scale_values, unit_for
+
+# -- states by group --
+
+# Largest number of rows; letters of a name; fraction of a row that a text in it needs.
+MAX_ROWS, LETTERS, MIN_TEXT_FRACTION = 12, 26, 0.14
+
+
+def _no_groups(data: RunData) -> str:
+    return no_labels(data) or ("" if _rows(data) else "its bodies are of one population and size")
+
+
+def _groups_title(data: RunData) -> str:
+    populations = [row for kind, row in _rows(data) if kind == POPULATION][:3]
+    if not populations:
+        return "States by size at the last frame"
+    return "At the last frame: " + "; ".join(
+        f"{_short(row['name'])} {fractions_text(row['fractions'], 1)}" for row in populations
+    )
+
+
+def _draw_groups(axes: Axes, data: RunData) -> None:
+    rows = [row for _, row in _rows(data)]
+    for y, row in enumerate(rows):
+        left = 0.0
+        for name, fraction in row["fractions"].items():
+            axes.barh(y, fraction, left=left, height=0.82, color=data.colors[name], linewidth=0.0)
+            if fraction >= MIN_TEXT_FRACTION:
+                text = f"{name} {percent(fraction)}"
+                axes.text(left + 0.5 * fraction, y, text, ha="center", va="center", fontsize=6.5, color="white", clip_on=True)
+            left += fraction
+    axes.set_ylim(len(rows) - 0.5, -0.5)
+    axes.yaxis.tick_right()
+    loads = [f", {percent(row['load_share'])} of load" if "load_share" in row else "" for row in rows]
+    labels = [f"{_short(row['name'])}: {row['bodies']}{load}" for row, load in zip(rows, loads, strict=True)]
+    axes.set_yticks(range(len(rows)), labels)
+    axes.tick_params(axis="y", length=0)
+    axes.set_xlim(0.0, 1.0)
+    axes.set_xticks(**PERCENT)
+    axes.set_xlabel("bodies of the group (%)")
+
+
+def _rows(data: RunData) -> list[tuple[str, dict[str, Any]]]:
+    rows = [(kind, row) for kind, rows in informative_groups(states_by_group(data.run)) for row in rows]
+    return rows[:MAX_ROWS]
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= LETTERS else f"{name[: LETTERS - 1]}\N{HORIZONTAL ELLIPSIS}"
+
+
+# -- velocity accommodation --
+
+COLORS = {
+    "upper_slip": LINES["orange"], "lower_slip": LINES["vermilion"], "rolling": LINES["green"], "shear": LINES["sky"],
+}  # fmt: skip
+VISIBLE = 1e-3  # a part is drawn if it exceeds this fraction of the plate's largest speed at some output
+
+
+def _no_accommodation(data: RunData) -> str:
+    if not data.dragged:
+        return "no drag"
+    if "accommodation_rolling" not in data.series:
+        return "no two plates"
+    passed = np.isfinite(data.interval_means("accommodation_rolling")[1:]).any()
+    return "" if passed else "no load passed between the plates"
+
+
+def _accommodation_title(data: RunData) -> str:
+    fractions = accommodation_fractions(data.run.drag)
+    return "Velocity accommodation" + (f": {short_accommodation_text(fractions)}" if fractions else "")
+
+
+def _draw_accommodation(axes: Axes, data: RunData) -> None:
+    """Draw the parts stacked upon each other, each over its output interval; parts against the drag downwards."""
+    x, _ = scale_values(data.axis[0], data.axis[1])
+    parts = {name: np.nan_to_num(data.interval_means(f"accommodation_{name}")) for name in WORDS}
+    speed = np.sum(list(parts.values()), axis=0)
+    factor, speed_unit = unit_for(speed, "m/s")
+    up, down = np.zeros(len(x)), np.zeros(len(x))
+    for name, values in parts.items():
+        if np.abs(values).max() > VISIBLE * np.abs(speed).max():
+            tops = [up + np.maximum(values, 0.0), down + np.minimum(values, 0.0)]
+            for base, top, label in ((up, tops[0], WORDS[name]), (down, tops[1], None)):
+                axes.fill_between(x, base / factor, top / factor, step="pre", color=COLORS[name], linewidth=0.0, label=label)
+            up, down = tops
+    axes.step(x, speed / factor, where="pre", color=LINES["black"], linewidth=1.2, label="the plate")
+    label_axis(axes, data, f"speed ({speed_unit})")
+
+
+# -- how slowly it is sheared, and how close to equilibrium it is --
+
+# Series drawn: label, colour, style of the line.
+MEASURES = {
+    "inertial_number": ("inertial number", LINES["black"], "-"),
+    "unbalanced_force": ("unbalanced force", LINES["blue"], "--"),
+    "kinetic_energy_ratio": ("kinetic over elastic energy", LINES["orange"], "-."),
+}
+
+
+def _no_bed(data: RunData) -> str:
+    if "inertial_number" not in data.series:
+        return "its debris is no bed between two plates"
+    drawn = data.extended and (data.name("inertial_number") > 0.0).any()
+    return "" if drawn else "its bed is not sheared, or is thinner than three diameters"
+
+
+def _bed_title(data: RunData) -> str:
+    bed = data.run.bed
+    verdict = bed.verdict if bed is not None else ""
+    return f"Bed: {verdict or 'inertial number not known'}"
+
+
+def _draw_bed(axes: Axes, data: RunData) -> None:
+    x, _ = scale_values(data.axis[0], data.axis[1])
+    for name, (label, color, style) in MEASURES.items():
+        values = data.interval_means(name)
+        axes.plot(x, np.where(values > 0.0, values, np.nan), color=color, linestyle=style, linewidth=1.4, label=label)
+    axes.axhline(SLOW, color=LINES["grey"], linestyle=":", linewidth=1.0)
+    axes.set_yscale("log")
+    label_axis(axes, data, "ratio")
+
+
+# -- profiles between the plates, means over part of the drag --
+
+PLATE: dict[str, Any] = {
+    "color": LINES["black"], "linestyle": "none", "marker": "s", "markersize": 4.0, "label": "plates", "clip_on": False,
+}  # fmt: skip
+
+ALONG = 0.5  # cosine of the angle between the drag and the axis across the slabs from which on there is no shear stress to draw
+
+
+def _no_profiles(data: RunData) -> str:
+    if not data.run.profiles:
+        return "no profiles: output.profiles was not given"
+    return "" if data.dragged else "no drag"
+
+
+def _draw_velocity(axes: Axes, data: RunData) -> None:
+    durations = np.where(data.drag.durations > 0.0, data.drag.durations, np.nan)
+    speed = np.array([0.0, _mean(data, np.abs(data.drag.steps) / durations)])
+    values = _along(data, data.run.profiles["velocity"])
+    factor, unit = unit_for(np.append(values, speed), "m/s")
+    _draw_profile(axes, data, values / factor, LINES["blue"], "debris")
+    if _axis(data) == "z":
+        axes.plot(speed / factor, _slabs(data)[1], **PLATE, zorder=3)
+    axes.set_xlabel(f"velocity ({unit})")
+
+
+def _solid_title(data: RunData) -> str:
+    return f"Solid fraction: {float(np.mean(_mean(data, data.run.profiles['solid_fraction']))):.3f}"
+
+
+def _draw_solid(axes: Axes, data: RunData) -> None:
+    _draw_profile(axes, data, _mean(data, data.run.profiles["solid_fraction"]), LINES["blue"], "debris")
+    axes.set_xlim(0.0, None)
+    axes.set_xlabel("solid fraction")
+
+
+def _stress_title(data: RunData) -> str:
+    k = "xyz".index(_axis(data))
+    return f"Stress: {quantity_text(float(np.mean(_mean(data, _stress(data)[..., k]))), 'Pa')} across the slabs"
+
+
+def _draw_stress(axes: Axes, data: RunData) -> None:
+    k = "xyz".index(_axis(data))
+    lines = [("normal", _mean(data, _stress(data)[..., k]), LINES["blue"])]
+    if np.abs(data.drag.headings[data.drag.steady, k]).max() < ALONG:
+        lines.append(("shear", -_along(data, _stress(data)), LINES["vermilion"]))
+    factor, unit = unit_for(np.concatenate([values for _, values, _ in lines]), "Pa")
+    for name, values, color in lines:
+        _draw_profile(axes, data, values / factor, color, name)
+    if _axis(data) == "z":
+        z, area = _slabs(data)[1], float(np.prod(data.run.header["domain"]["size"]))
+        forces = np.stack([-data.series["lower_force"], data.series["upper_force"]]) / (area * factor)
+        axes.plot([_mean(data, force[:, 2]) for force in forces], z, **PLATE, zorder=3)
+        axes.plot([-_along(data, force) for force in forces], z, **{**PLATE, "label": None}, zorder=3)
+    axes.set_xlim(min(0.0, axes.get_xlim()[0]), None)
+    axes.set_xlabel(f"stress ({unit})")
+
+
+def _draw_states_profile(axes: Axes, data: RunData) -> None:
+    position, ends, label = _slabs(data)
+    left, height = np.zeros(len(position)), float(ends[1]) / len(position)
+    for name in data.fractions:
+        width = np.nan_to_num(_mean(data, data.run.profiles[f"fraction_{name}"]))
+        if width.any():
+            axes.barh(position, width, height, left=left, color=data.colors[name], linewidth=0.0, label=name)
+        left += width
+    axes.set_xlim(0.0, 1.0)
+    axes.set_xticks(**PERCENT)
+    axes.set_xlabel("debris (%)")
+    axes.set_ylabel(label)
+
+
+def _draw_profile(axes: Axes, data: RunData, values: np.ndarray, color: str, label: str) -> None:
+    position, ends, ordinate = _slabs(data)
+    axes.plot(values, position, color=color, linewidth=1.4, marker=".", markersize=4.0, label=label)
+    axes.set_ylim(0.0, float(ends[1]))
+    axes.set_ylabel(ordinate)
+
+
+def _slabs(data: RunData) -> tuple[np.ndarray, np.ndarray, str]:
+    """Return the middles of the slabs and the ends of their extent (2,), in its unit, and the label of their axis."""
+    position = _mean(data, data.run.profiles["position"])
+    extent = np.array([0.0, 2.0 * position[0] * len(position)])
+    factor, unit = unit_for(extent, "m")
+    return position / factor, extent / factor, f"{_axis(data)} ({unit})"
+
+
+def _axis(data: RunData) -> str:
+    return str(data.run.header["profiles"]["axis"])
+
+
+def _stress(data: RunData) -> np.ndarray:
+    """Return the stress on faces across the slabs [Pa], (F, bins, 3)."""
+    profiles = data.run.profiles
+    return (profiles["contact_stress"] + profiles["kinetic_stress"])[..., "xyz".index(_axis(data))]
+
+
+def _along(data: RunData, vectors: np.ndarray) -> np.ndarray:
+    """Return the mean of vectors (F, ..., 3) along the motion of the plate in each interval."""
+    return _mean(data, np.einsum("f...k,fk->f...", vectors, data.drag.headings))
+
+
+def _mean(data: RunData, values: np.ndarray) -> np.ndarray:
+    """Return the mean over the intervals that count, by time."""
+    chosen = data.drag.steady
+    weights = data.drag.durations[chosen]
+    return np.tensordot(weights, values[chosen], 1) / weights.sum()
+
+
+# -- contacts at one frame: histograms stacked by the state of the body --
+
+LIMIT = 0.999  # utilisation from which a contact counts as slipping
+BINS = 25
+
+
+def _no_contacts(name: str, data: RunData) -> str:
+    if not len(data.contacts["position"]):
+        return f"no contact at frame {data.frame}"
+    if name not in data.contacts:
+        return f"its contacts have no {name}"
+    return "" if np.isfinite(data.contacts[name]).all() else f"{name} of its contacts is not a number"
+
+
+def _utilisation_title(data: RunData) -> str:
+    fraction = float(np.mean(data.contacts["utilisation"] >= LIMIT))
+    words = {0.0: "none slips", 1.0: "all slip"}.get(fraction, f"{percent(fraction)} slip")
+    return f"Contacts, {'at the end' if data.frame == data.frames - 1 else f'frame {data.frame}'}: {words}"
+
+
+def _normal_force_title(data: RunData) -> str:
+    values = data.contacts["normal_force"]
+    return f"{len(values)} contact{'s' if len(values) > 1 else ''}: mean {quantity_text(float(values.mean()), 'N')}"
+
+
+def _draw_utilisation(axes: Axes, data: RunData) -> None:
+    # rounding can put a slipping contact just above 1
+    values = np.clip(data.contacts["utilisation"], 0.0, 1.0)
+    _draw_stacked(axes, data, values, np.linspace(0.0, 1.0, BINS + 1))
+    axes.set_xlabel("utilisation of friction")
+
+
+def _draw_normal_force(axes: Axes, data: RunData) -> None:
+    values, unit = scale_values(data.contacts["normal_force"], "N")
+    ends = min(float(values.min()), 0.0), max(float(values.max()), 0.0) or 1.0
+    _draw_stacked(axes, data, values, np.linspace(*ends, BINS + 1))
+    axes.set_xlabel(f"normal force ({unit})")
+
+
+def _draw_stacked(axes: Axes, data: RunData, values: np.ndarray, edges: np.ndarray) -> None:
+    groups = data.contact_groups
+    extra = {BETWEEN: SPARE_COLORS[0], "all": LINES["grey"]}
+    colors = [data.colors.get(name) or extra[name] for name in groups]
+    parts = [values[members] for members in groups.values()]
+    axes.hist(parts, edges.tolist(), stacked=True, color=colors, label=list(groups), edgecolor="white", linewidth=0.3)
+    axes.set_ylabel("contacts")
+    axes.set_xlim(edges[0], edges[-1])
+    axes.yaxis.set_major_locator(MaxNLocator("auto", integer=True))
+
+
+PANELS = (
+    Panel("groups", _no_groups, _groups_title, _draw_groups, 1.9,
+          note="Groups: states of the bodies at the last frame by population, by material where populations share one, and in "
+               "size classes of equal number (volume-equivalent diameter); on the right the number of bodies and their share "
+               "of the normal force."),
+    Panel("accommodation", _no_accommodation, _accommodation_title, _draw_accommodation, 1.9,
+          note="Velocity accommodation: the speed of the upper plate as the sum of slip at the contacts of both plates, of "
+               "what the rotation of the bodies adds between them, and of shear inside the bed; weighted by the load that "
+               "passes from plate to plate."),
+    Panel("bed", _no_bed, _bed_title, _draw_bed, 1.7,
+          note="Bed: shear is slow where the inertial number, shear rate * diameter * sqrt(density / pressure), is below "
+               "0.001, the dotted line; unbalanced force: mean total force on a body over the mean contact force."),
+    Panel("velocity_profile", _no_profiles, lambda data: "Velocity along the drag", _draw_velocity, 2.4, True,
+          note="Profiles: means in slabs between the plates, over the second half of the sliding or of the cycles (there along"
+               " the motion of the plate). Stress: of contact forces and of velocities together; of the plates: their forces "
+               "over the area."),
+    Panel("solid_profile", _no_profiles, _solid_title, _draw_solid, 2.4, True),
+    Panel("stress_profile", _no_profiles, _stress_title, _draw_stress, 2.4, True),
+    Panel("states_profile", lambda data: _no_profiles(data) or no_labels(data), lambda data: "States, by volume",
+          _draw_states_profile, 2.4, True),
+    Panel("utilisation", partial(_no_contacts, "utilisation"), _utilisation_title, _draw_utilisation, 2.0, True,
+          note="Utilisation: tangential force of a contact over the most that friction lets it carry; at 1 it slips. Colours: "
+               "state of the body."),
+    Panel("normal_force", partial(_no_contacts, "normal_force"), _normal_force_title, _draw_normal_force, 2.0, True),
+)  # fmt: skip

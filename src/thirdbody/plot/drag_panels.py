@@ -1,0 +1,322 @@
+"""Panels over the drag: friction, states, gap, load, energy; and the loop of a stroke."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from thirdbody.palette import LINE_COLORS as LINES
+from thirdbody.plot.run_data import PERCENT, Panel, RunData, label_axis, no_labels
+from thirdbody.trajectory.friction import force_on_plate, running_mean
+from thirdbody.units import percent, quantity_text, scale_values, unit_for
+
+# -- friction --
+
+WINDOW_FRACTION = 0.1  # fraction of the run covered by one running mean
+MU = "friction coefficient"
+
+
+def _no_friction(data: RunData) -> str:
+    if data.stroke:
+        return "the plate goes back and forth: the panel loop shows its friction"
+    return _why_unloaded(data)
+
+
+def _no_loop(data: RunData) -> str:
+    return _why_unloaded(data) if data.stroke else "the plate never turns back"
+
+
+def _why_unloaded(data: RunData) -> str:
+    if not data.dragged:
+        return "no drag"
+    return "" if np.isfinite(data.name("friction_coefficient")[1:]).any() else "never loaded"
+
+
+def _friction_title(data: RunData) -> str:
+    result = data.run.friction
+    if not np.isfinite(result.value):
+        return "Friction coefficient"
+    drifts = f", {result.short_verdict}" if result.stationary is False else ""
+    return f"Friction coefficient: {result.short_text}{drifts}"
+
+
+def _draw_friction(axes: Axes, data: RunData) -> None:
+    x, _ = scale_values(data.axis[0], data.axis[1])
+    mu = data.interval_means("friction_coefficient")
+    marker = "." if len(x) < 80 else ""
+    axes.plot(x, mu, color=LINES["sky"], linewidth=0.8, markersize=4.0, label="each interval", marker=marker)
+    width = max(int(round(WINDOW_FRACTION * len(x))), 3)
+    if len(x) > 2 * width:
+        mean = np.where(np.isfinite(mu), running_mean(mu, width), np.nan)
+        window = quantity_text(width * (data.axis[0][-1] - data.axis[0][0]) / (len(x) - 1), data.axis[1], 2)
+        axes.plot(x, mean, color=LINES["blue"], linewidth=1.8, label=f"running mean\n(over {window})")
+    _draw_mean(axes, data, x)
+    _draw_pairs(axes, data)
+    label: str | None = "unloaded"
+    for first, last in stretches(~np.isfinite(mu[1:])):
+        axes.axvspan(x[first], x[last + 1], color="#DDDFE3", linewidth=0.0, zorder=0, label=label)
+        label = None
+    label_axis(axes, data, MU)
+    low, high = axes.get_ylim()
+    axes.set_ylim(min(low, 0.0), max(high, 0.0) * (1.05 if data.pair_friction else 1.0))
+
+
+def _draw_mean(axes: Axes, data: RunData, x: np.ndarray) -> None:
+    """Draw the mean with its error over its intervals; where they drift, the linear fit instead."""
+    result = data.run.friction
+    members = np.flatnonzero(data.averaged[data.start :])
+    if not len(members):
+        return
+    ends = x[max(members[0] - 1, 0)], x[members[-1]]
+    mean = result.value
+    style: dict[str, Any] = {"color": LINES["vermilion"], "linewidth": 1.2}
+    if result.stationary is False:
+        heights = [mean - 0.5 * result.change, mean + 0.5 * result.change]
+        axes.plot(ends, heights, linestyle="-.", label="trend (second half):\nnot stationary", **style)
+        return
+    axes.plot(ends, [mean, mean], linestyle=(0, (5, 2)), label="mean (second half)", **style)
+    if np.isfinite(result.error) and result.error > 0.0:
+        low, high = mean - result.error, mean + result.error
+        band = axes.fill_between(ends, low, high, color=LINES["vermilion"], alpha=0.25, label="its error")
+        band.set_linewidth(0.0)
+
+
+def _draw_pairs(axes: Axes, data: RunData, signs: tuple[float, ...] = (1.0,)) -> None:
+    """Draw the coefficients that the scene gives: the friction of gross sliding."""
+    label: str | None = "if all slid (coefficient\nof the pair)"
+    for value in data.pair_friction if len(data.pair_friction) <= 3 else []:
+        for sign in signs:
+            axes.axhline(sign * value, color=LINES["grey"], linewidth=0.9, linestyle=":", label=label)
+            label = None
+
+
+def stretches(flags: np.ndarray) -> list[tuple[int, int]]:
+    """Return the first and last index of every run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
+    return [(int(first), int(last) - 1) for first, last in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def loop_area(data: RunData) -> float:
+    """Return the area of the loop of the last whole cycle [m]: sum of mean coefficient times displacement over the intervals.
+
+    On a path along both axes it is that of both loops, of the coefficient along the velocity times the path. An unloaded interval
+    adds nothing. NaN before the first whole cycle.
+    """
+    if not data.drag.cycles:
+        return float("nan")
+    cycle = data.drag.cycles[-1]
+    inside = slice(cycle.start + 1, cycle.stop)
+    return float(np.nansum(data.name("friction_coefficient", False)[inside] * data.drag.steps[inside]))
+
+
+def _loop_title(data: RunData) -> str:
+    area, work = loop_area(data), data.run.friction.energy_per_cycle
+    if not np.isfinite(area):
+        return "Friction loop (no whole cycle yet)"
+    energy = f", {quantity_text(work, 'J')} a cycle" if np.isfinite(work) else ""
+    return f"Friction loop: area {quantity_text(area, 'm')}{energy}"
+
+
+def _draw_loop(axes: Axes, data: RunData) -> None:
+    """Draw the coefficient of every interval at the middle of its displacement, the last whole cycle emphasised.
+
+    On a path along both axes there is a loop for each of them.
+    """
+    if data.drag.straight:
+        loops = [("", LINES["blue"], data.drag.displacement, data.name("friction_coefficient", False))]
+    else:
+        force, normal = force_on_plate(data.run), np.abs(force_on_plate(data.run)[:, 2])
+        mu = -np.divide(force, normal[:, None], out=np.full_like(force, np.nan), where=normal[:, None] > 0.0)
+        colors = LINES["blue"], LINES["vermilion"]
+        loops = [(f"along {'xy'[k]}: ", colors[k], data.drag.offset[:, k], mu[:, k]) for k in (0, 1)]
+    factor, unit = unit_for(np.concatenate([u for _, _, u, _ in loops]), "m")
+    for name, color, u, mu in loops:
+        middle = u / factor
+        middle[1:] = 0.5 * (middle[1:] + middle[:-1])  # abscissa of the mean over the interval
+        shown = slice(data.start + 1, None)
+        axes.plot(middle[shown], mu[shown], color=color if name else LINES["sky"], linewidth=0.9, label=f"{name}all of the drag")
+        if data.drag.cycles:
+            inside = slice(data.drag.cycles[-1].start + 1, data.drag.cycles[-1].stop)
+            # closed by its first point
+            x, y = (np.append(part[inside], part[inside][0]) for part in (middle, mu))
+            known = np.isfinite(y)
+            axes.fill(x[known], y[known], color=color, alpha=0.12, linewidth=0.0, label=f"{name}its area")
+            axes.plot(x, y, color=color, linewidth=1.8, label=f"{name}last whole cycle")
+    _draw_pairs(axes, data, (1.0, -1.0))
+    axes.axhline(0.0, color="#222222", linewidth=0.6)
+    axes.set_xlabel(f"displacement of the upper plate ({unit})")
+    axes.set_ylabel(MU)
+
+
+# -- states --
+
+
+def _states_title(data: RunData) -> str:
+    bodies = data.summary.get("bodies", 0)
+    name = "State of the body" if bodies == 1 else f"States of the {bodies} bodies"
+    return f"{name}: at the end {data.final_fractions}"
+
+
+def _draw_states(axes: Axes, data: RunData) -> None:
+    x, _ = scale_values(data.axis[0], data.axis[1])
+    portions = {name: values[data.start :] for name, values in data.fractions.items()}
+    if len(x) == 1:  # one frame: a bar
+        x, portions = np.array([0.0, 1.0]), {name: np.repeat(values, 2) for name, values in portions.items()}
+    present = [name for name, values in portions.items() if values.any()]
+    colors = [data.colors[name] for name in present]
+    axes.stackplot(x, [portions[name] for name in present], colors=colors, labels=present, step="mid", linewidth=0.0)
+    axes.set_ylim(0.0, 1.0)
+    axes.set_yticks(**PERCENT)
+    if len(data.axis[0]) > 1:
+        label_axis(axes, data, "bodies (%)")
+    else:
+        axes.set_ylabel("bodies (%)")
+        axes.set_xticks([0.5], ["the only frame" if data.frames == 1 else "the last frame"])
+
+
+# -- gap and load --
+
+SMALL, NOTHING = 0.01, 1e-5  # a change below SMALL of the value is drawn as a change, one below NOTHING counts as none
+
+
+def _needs(condition: Callable[[RunData], Any], otherwise: str) -> Callable[[RunData], str]:
+    """Return the function that tells why a panel over the drag is missing: without two frames, or `otherwise`."""
+    return lambda data: "fewer than two frames" if not data.extended else "" if condition(data) else otherwise
+
+
+def _gap_title(data: RunData) -> str:
+    gap = data.name("gap")
+    change = gap[-1] - gap[0]
+    if not _changes(gap):
+        return f"Gap between the plates: {quantity_text(gap[-1], 'm')}, unchanged"
+    word = "opened" if change > 0.0 else "closed"
+    return f"Gap between the plates: {quantity_text(gap[-1], 'm')} at the end, {word} by {quantity_text(abs(change), 'm', 2)}"
+
+
+def _load(data: RunData) -> np.ndarray:
+    """Return the normal force on the upper plate (without one: lower) from the start of the drag [N], interval means."""
+    side, sign = ("upper_force", 1.0) if np.isfinite(data.name("gap")).any() else ("lower_force", -1.0)
+    if side not in data.series:
+        return np.full(data.frames - data.start, np.nan)
+    return sign * data.interval_means(side)[:, 2]
+
+
+def _load_title(data: RunData) -> str:
+    values = _load(data)
+    return f"Load: {quantity_text(values[-1], 'N')} at the end, at most {quantity_text(float(np.nanmax(values)), 'N')}"
+
+
+def _debris_load_title(data: RunData) -> str:
+    debris, active = (float(data.name(name)[-1]) for name in ("load_share_debris", "active"))
+    return f"Debris carries {percent(debris)} of the load at the end, on {percent(active)} of the bodies"
+
+
+def _draw_debris_load(axes: Axes, data: RunData) -> None:
+    x, _ = scale_values(data.axis[0], data.axis[1])
+    axes.plot(x, 100.0 * data.interval_means("load_share_debris"), color=LINES["black"], linewidth=1.4, label="load on debris")
+    axes.plot(x, 100.0 * data.name("active"), color=LINES["blue"], linestyle="--", linewidth=1.4, label="active bodies")
+    axes.set_ylim(0.0, 105.0)
+    label_axis(axes, data, "share (%)")
+
+
+def _draw_line(axes: Axes, data: RunData, values: np.ndarray, unit: str, name: str, whole: bool = False) -> None:
+    """Draw values down to zero (`whole`), or where they change little their change since the start of the drag."""
+    x, _ = scale_values(data.axis[0], data.axis[1])
+    whole = whole or not _changes(values)
+    if not whole and np.nanmax(np.abs(values - values[0])) < SMALL * abs(values[0]):
+        values, name = values - values[0], f"change of {name}"
+    values, unit = scale_values(values, unit)
+    axes.plot(x, values, color=LINES["black"], linewidth=1.4)
+    axes.ticklabel_format(axis="y", useOffset=False)
+    label_axis(axes, data, f"{name} ({unit})")
+    if whole:
+        low, high = float(np.nanmin(values)), float(np.nanmax(values))
+        axes.set_ylim(min(0.0, 1.1 * low), max(0.0, 1.1 * high))
+
+
+def _changes(values: np.ndarray) -> bool:
+    return bool(np.nanmax(np.abs(values - values[0])) > NOTHING * abs(values[0]))
+
+
+# -- energy --
+
+# Lines of the ledger: terms, label, colour, style.
+LEDGER: tuple[tuple[str, str, str, str], ...] = (
+    ("plate_work", "work of the plates", LINES["black"], "-"),
+    ("friction", "lost in friction", LINES["vermilion"], "-"),
+    ("direct_friction", "lost in friction of the plates on each other", LINES["vermilion"], "--"),
+    ("plastic", "lost in plastic flow", LINES["vermilion"], "-."),
+    ("adhesion", "lost in adhesion", LINES["vermilion"], "-."),
+    ("damping", "lost in impacts and dashpots", LINES["orange"], "--"),
+    ("elastic_normal elastic_tangential foundation direct_elastic", "elastic, stored", LINES["blue"], "-"),
+    ("kinetic", "kinetic, stored", LINES["sky"], "--"),
+    ("body_effects", "given by body effects", LINES["green"], "-."),
+    ("numerical", "lost by the integrator", LINES["purple"], "-."),
+    ("residual", "residual", LINES["grey"], ":"),
+)
+ALWAYS_DRAWN = ("lost in friction", "residual")
+ROUNDING = 1e-15
+
+
+def ledger(data: RunData) -> dict[str, np.ndarray]:
+    """Return the lines of the ledger by label [J] since the start of the drag; below rounding only friction and residual."""
+    lines = {}
+    for terms, label, _, _ in LEDGER:
+        parts = [data.name(f"energy_{part}") for part in terms.split() if f"energy_{part}" in data.series]
+        if parts:
+            lines[label] = np.sum(parts, axis=0)
+    sizes = {label: float(np.abs(values).max()) for label, values in lines.items()}
+    minimum = ROUNDING * max(sizes.values())
+    return {label: values for label, values in lines.items() if sizes[label] > minimum or label in ALWAYS_DRAWN}
+
+
+def _energy_title(data: RunData) -> str:
+    work, lost = (data.name(f"energy_{part}") for part in ("plate_work", "friction"))
+    done, rubbed = float(work[-1] - work[0]), float(lost[-1] - lost[0])
+    # the loss at a contact that never slips is a rounding error below zero
+    fraction = (
+        f", {percent(max(rubbed / done, 0.0))} of it lost in friction" if done > 0.0 and -1e-3 * done < rubbed <= done else ""
+    )
+    if not data.start:
+        return f"Energy: {quantity_text(done, 'J')} of work{fraction}"
+    pressing = f"{quantity_text(float(work[0]), 'J', 2)} of work while pressing"
+    return f"Energy: {quantity_text(done, 'J')} of work while sliding{fraction}; {pressing}"
+
+
+def _draw_energy(axes: Axes, data: RunData) -> None:
+    lines = ledger(data)
+    x, _ = scale_values(data.axis[0], data.axis[1])
+    factor, unit = unit_for(np.concatenate(list(lines.values())), "J")
+    for _, label, color, style in LEDGER:
+        if label in lines:
+            values = lines[label]
+            end = values[-1] if abs(values[-1]) > ROUNDING * 1000.0 * factor else 0.0
+            words = f"{label}: {quantity_text(end, 'J')}"
+            axes.plot(x, values / factor, color=color, linestyle=style, linewidth=1.4, label=words)
+    label_axis(axes, data, f"energy ({unit})")
+
+
+PANELS = (
+    Panel("friction", _no_friction, _friction_title, _draw_friction, 2.1,
+          note="Friction coefficient: force of the debris on the upper plate against its motion, over the normal force; means "
+               "over the output intervals. Its error counts that neighbouring intervals are correlated (autocorrelation time)."),
+    Panel("loop", _no_loop, _loop_title, _draw_loop, 2.3,
+          note="Friction loop: the friction coefficient, signed by the first direction of motion, over the displacement of the"
+               " upper plate; the area times the load is the work of one cycle. On a path along both axes each has a loop, and"
+               " their areas add up."),
+    Panel("states", no_labels, _states_title, _draw_states, 1.7,
+          note="States: free, carries no load; sticking, moves no further than elastic contacts give way; sliding, all its "
+               "contacts with one plate slip; rolling, turns as the plate moves on."),
+    Panel("gap", _needs(lambda data: np.isfinite(data.name("gap")).any(), "no upper plate"), _gap_title,
+          lambda axes, data: _draw_line(axes, data, data.name("gap"), "m", "gap"), 1.4),
+    Panel("load", _needs(lambda data: np.nan_to_num(_load(data)).any(), "no load on a plate"), _load_title,
+          lambda axes, data: _draw_line(axes, data, _load(data), "N", "load", whole=True), 1.4),
+    Panel("debris_load", _needs(lambda data: "load_share_debris" in data.series, "its plates have no contact with each other"),
+          _debris_load_title, _draw_debris_load, 1.7,
+          note="Load: debris and direct contact of the plates, asperity on asperity, carry it together. Active: pressed from "
+               "above and from below."),
+    Panel("energy", _needs(lambda data: "energy_plate_work" in data.series, "no energy ledger"), _energy_title, _draw_energy, 2.1,
+          note="Energy: work of the plates since the start of the pressing, and where it went; each line is computed on its "
+               "own, the residual is the rest."),
+)  # fmt: skip

@@ -1,0 +1,194 @@
+"""Plates in pictures: surfaces of rough ones as meshes, and maps of what a measure has left on them."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from thirdbody.atomic_files import write_whole
+from thirdbody.errors import InputError, OutputError, nearest
+from thirdbody.palette import rgb
+from thirdbody.trajectory.names import LOWER_PLATE
+from thirdbody.trajectory.plates import PLATES
+from thirdbody.trajectory.read_blocks import rows_of
+from thirdbody.trajectory.run_file import RunFile
+from thirdbody.trajectory.summary import NO_MAPS, maps_of_cycles
+from thirdbody.units import GLUE, prefix_for, quantity_text
+
+if TYPE_CHECKING:
+    import pyvista
+
+# Colours of the lowest and highest points: greys, so that the colours of states stand out.
+LOWEST, HIGHEST = "#47536A", "#FFFDF7"
+FINEST = 700  # largest number of points along the longer side of a mesh
+SHADE = 0.30  # fraction of black under a sphere
+# Colour of contacts on a rough plate, and the smallest radius at which they are drawn, over the mean radius of spheres.
+CONTACT, SMALLEST_CONTACT = "#1D1F23", 0.05
+DOTS = 100.0  # pixels per inch
+DARK = 0.15  # part of the colour scale that is cut off where nothing lies, so that a faint trace stands out
+
+
+class Touching(NamedTuple):
+    """Contacts with a plate: points (C, 3), wrapped with their bodies, radii (C,) [m], and the rows of their bodies (C,)."""
+
+    points: np.ndarray
+    radius: np.ndarray
+    body: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class PlateSurface:
+    """Spline coefficients (n_y, n_x) [m] of a plate's surface, its period along x and y, its place in a frame (3,) [m].
+
+    `sign` is 1 for the lower plate and -1 for the upper one, whose heights point down. `low`, `high`: its extreme heights [m].
+    """
+
+    coefficients: np.ndarray
+    size: tuple[float, float]
+    position: np.ndarray
+    sign: float
+    low: float
+    high: float
+
+    def heights(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Return heights over the mean plane [m] at points of the frame."""
+        from scipy.ndimage import map_coordinates
+
+        n_y, n_x = self.coefficients.shape
+        at = [(y - self.position[1]) * n_y / self.size[1], (x - self.position[0]) * n_x / self.size[0]]
+        return np.asarray(map_coordinates(self.coefficients, at, order=3, mode="grid-wrap", prefilter=False))
+
+    def slopes(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the slopes of the heights along x and y, by differences over a grid cell."""
+        a, b = (0.5 * length / n for length, n in zip(self.size, self.coefficients.shape[::-1], strict=True))
+        along = (self.heights(x + a, y) - self.heights(x - a, y)) / (2.0 * a)
+        return along, (self.heights(x, y + b) - self.heights(x, y - b)) / (2.0 * b)
+
+    def colors(self, heights: np.ndarray) -> np.ndarray:
+        """Return colours (..., 3), 0 to 255, of heights."""
+        fraction = np.clip((heights - self.low) / max(self.high - self.low, 1e-300), 0.0, 1.0)[..., None]
+        return (1.0 - fraction) * np.array(rgb(LOWEST)) + fraction * np.array(rgb(HIGHEST))
+
+
+def read_plate_surfaces(run: RunFile, frame: int) -> dict[str, PlateSurface]:
+    """Return the surfaces of the rough plates at their places in a frame."""
+    return {
+        side: PlateSurface(
+            surface.coefficients, surface.size, run.surface_position(side, frame), 1.0 if side == "lower" else -1.0,
+            float(surface.heights.min()), float(surface.heights.max()),
+        )
+        for side, surface in run.surfaces.items()
+    }  # fmt: skip
+
+
+def read_touching(run: RunFile, frame: int, bodies: dict[str, np.ndarray], shift: np.ndarray) -> Touching:
+    """Return the loaded contacts with the lower plate; `shift` (B, 3) is subtracted to wrap bodies."""
+    contacts = run.block("contacts", frame)
+    chosen = (contacts["partner"] == LOWER_PLATE) & (contacts["normal_force"] > 0.0)
+    row = rows_of(bodies, contacts["body"][chosen])
+    return Touching(contacts["position"][chosen] - shift[row], contacts["contact_radius"][chosen], row)
+
+
+def window_mesh(
+    surface: PlateSurface, low: np.ndarray, high: np.ndarray, centers: np.ndarray, radii: np.ndarray
+) -> pyvista.StructuredGrid:
+    """Return the surface over a window from `low` to `high` (x, y), with the array `color`; lengths in m.
+
+    `centers` (n, 3), `radii` (n,): spheres under which it is darker.
+    """
+    import pyvista
+
+    extent = high[:2] - low[:2]
+    counts = np.maximum(2, np.rint(FINEST * extent / extent.max()).astype(int))
+    x, y = (np.linspace(a, b, n) for a, b, n in zip(low[:2], high[:2], counts, strict=True))
+    grid_x, grid_y = np.meshgrid(x, y)
+    heights = surface.heights(grid_x, grid_y)
+    colors = surface.colors(heights) * (1.0 - SHADE * _covered(x, y, centers, radii))[..., None]
+    z = surface.position[2] + surface.sign * heights
+    mesh = pyvista.StructuredGrid(grid_x, grid_y, z)
+    mesh.point_data["color"] = np.rint(colors).astype(np.uint8).swapaxes(0, 1).reshape(-1, 3)
+    return mesh
+
+
+def _covered(x: np.ndarray, y: np.ndarray, centers: np.ndarray, radii: np.ndarray) -> np.ndarray:
+    """Return 1 for points (n_y, n_x) below a sphere, 0 for others."""
+    result = np.zeros((len(y), len(x)))
+    for (a, b, _), radius in zip(centers, radii, strict=True):
+        columns, rows = (slice(*np.searchsorted(axis, [at - radius, at + radius])) for axis, at in ((x, a), (y, b)))
+        inside = (x[None, columns] - a) ** 2 + (y[rows, None] - b) ** 2 < radius**2
+        result[rows, columns] = np.maximum(result[rows, columns], inside)
+    return result
+
+
+def skirt(mesh: pyvista.StructuredGrid, z: float) -> pyvista.PolyData:
+    """Return the walls from the edge of a mesh to a plane."""
+    import pyvista
+
+    n_x, n_y, _ = mesh.dimensions
+    number = np.arange(n_x * n_y).reshape(n_y, n_x)
+    edge = np.concatenate([number[0, :-1], number[:-1, -1], number[-1, :0:-1], number[:0:-1, 0]])
+    top = np.asarray(mesh.points)[edge]
+    bottom = top.copy()
+    bottom[:, 2] = z
+    n, k = len(edge), np.arange(len(edge))
+    after = (k + 1) % n
+    faces = np.stack([np.full(n, 4), k, after, after + n, k + n], axis=1)
+    return pyvista.PolyData(np.concatenate([top, bottom]), faces=faces.ravel())
+
+
+def draw_plate_map(run: RunFile, file: Path, options: Any) -> Path:
+    """Write the picture of a map along the plate's normal; the upper plate is seen from above, through it.
+
+    Coordinates are the plate's own. With `cycles` the map is that of so many cycles at the rate of the whole cycles of the run,
+    without the first one: an extrapolation, and the title says so. Raises InputError for a plate or a map that the run does not
+    have, OutputError.
+
+    Of the options (`render.PictureOptions`): `plate`, `color` (name of the map), `frame`, `size` in pixels, `cycles` (None: the
+    map of the frame).
+    """
+    from matplotlib import colormaps
+    from matplotlib.colors import ListedColormap
+    from matplotlib.figure import Figure
+
+    # `state`, the default, is no map
+    name = next(iter(run.map_units)) if options.color == "state" and run.map_units else options.color
+    values, words = plate_map(run, options.plate, name, options.frame, options.cycles)
+    size, (wide, tall) = run.header["domain"]["size"], options.size
+    figure = Figure(figsize=(wide / DOTS, tall / DOTS), dpi=DOTS, layout="constrained")
+    axes = figure.add_subplot()
+    unit = run.map_units[name]
+    scale, unit = prefix_for(float(values.max(initial=0.0)), unit) if unit in ("m", "J/m2") else (1.0, unit)
+    extent = (0.0, 1e6 * size[0], 0.0, 1e6 * size[1])
+    colors = colormaps["inferno_r"](np.linspace(DARK, 1.0, 256))
+    colors[0] = (1.0, 1.0, 1.0, 1.0)  # white where nothing lies, then from light to dark
+    image = axes.imshow(
+        values * scale, origin="lower", extent=extent, cmap=ListedColormap(colors), vmin=0.0, interpolation="nearest"
+    )
+    figure.colorbar(image, ax=axes, label=f"{name.replace('_', ' ')} [{unit}]", shrink=0.9)
+    axes.set(xlabel="x of the plate [µm]", ylabel="y of the plate [µm]", title=f"{options.plate} plate, {words}")
+    content = io.BytesIO()
+    figure.savefig(content, format="png", dpi=DOTS)
+    try:
+        write_whole(file, content.getvalue())
+    except OSError as problem:
+        raise OutputError(f"{file}: cannot be written ({problem.strerror})") from problem
+    return file
+
+
+def plate_map(run: RunFile, plate: str, name: str, frame: int | None, cycles: float | None) -> tuple[np.ndarray, str]:
+    """Return a map (n_y, n_x) and what it shows. Raises InputError for a plate, map or cycles that the run does not have."""
+    if plate not in PLATES:
+        raise InputError(f"plate: no plate '{plate}'; {nearest(plate, PLATES)}")
+    if not run.map_units:
+        raise InputError(f"{run.path}: {NO_MAPS}")
+    if name not in run.map_units:
+        raise InputError(f"color: no map '{name}'; {nearest(name, run.map_units)}")
+    if cycles is None:
+        number = run.frame_number(-1 if frame is None else frame)
+        return run.maps(plate, number)[name], f"after {quantity_text(run.times[number], 's').replace(GLUE, ' ')}"
+    values = maps_of_cycles(run.drag, plate, cycles)[name]
+    return values, f"{cycles:g} cycles by the rate of cycles 2 to {len(run.cycles['end_time'])}"

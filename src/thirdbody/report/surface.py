@@ -1,0 +1,128 @@
+"""Report of `thirdbody surface`: statistics, conversion and picture of a measured surface, or of that of a scene's plate."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from thirdbody.atomic_files import write_whole
+from thirdbody.errors import OutputError, UsageError
+from thirdbody.report.tables import print_json, table
+from thirdbody.scene.model import Scene
+from thirdbody.surfaces.reading import npz_bytes, read_any_scan
+from thirdbody.surfaces.scan import HeightMap, fill_missing, levelled
+from thirdbody.surfaces.statistics import Statistics, surface_statistics, with_spectrum
+from thirdbody.system.terminal import print_line
+from thirdbody.units import pretty
+
+PICTURES, SCANS = (".png", ".pdf", ".svg"), (".npz",)
+SCENES = (".toml",)
+
+
+class Described(NamedTuple):
+    """A surface with its statistics: what is drawn and printed. Heights (n_y, n_x) [m], spacing [m], notes."""
+
+    name: str
+    heights: np.ndarray
+    spacing: tuple[float, float]
+    statistics: Statistics
+    notes: tuple[str, ...] = ()
+
+
+def check_targets(path: Path, out: Sequence[Path], plate: str | None, unit: str | None) -> None:
+    """Raise UsageError for options that do not belong to the file."""
+    scene = path.suffix.lower() in SCENES
+    for target in out:
+        if target.suffix.lower() not in PICTURES + SCANS:
+            raise UsageError(f"{target}: expected a picture ({', '.join(PICTURES)}) or a height map (.npz)")
+    if plate is not None and not scene:
+        raise UsageError("--plate: for a scene; a file holds one surface")
+    if unit is not None and scene:
+        raise UsageError("--unit, --spacing: for a file of a measured surface")
+
+
+def describe_scan(path: Path, unit: str | None, spacing: str | None, out: Sequence[Path]) -> Described:
+    """Return a measured surface after subtraction of its plane, and write it where `out` names NPZ files."""
+    scan = read_any_scan(path, unit, spacing)
+    _write(scan, out)
+    heights = levelled(fill_missing(scan.heights), "plane")
+    notes = [*scan.notes, "after subtraction of the plane of least squares"]
+    if scan.missing:
+        notes.append(f"{100.0 * scan.missing:.2g} % of the points have no height; filled here from their surroundings")
+    statistics = surface_statistics(heights, scan.spacing, periodic=False)
+    whole = with_spectrum(statistics, heights, scan.spacing, periodic=False)
+    return Described(path.name, heights, scan.spacing, whole, tuple(notes))
+
+
+def describe_plate(
+    path: Path, plate: str | None, settings: Mapping[str, str], plugins: Sequence[Path], out: Sequence[Path]
+) -> Described:
+    """Return the surface of a plate of a scene, and write it where `out` names NPZ files. Raises UsageError for a flat one."""
+    from thirdbody.assembly.surfaces import plate_surfaces  # imports the engine, which a file needs not
+
+    scene = Scene.load(path, plugins)
+    surfaces = plate_surfaces(scene.with_settings(settings) if settings else scene)
+    if not surfaces:
+        raise UsageError(f"{path}: both plates are flat: add plates.lower.surface or plates.upper.surface")
+    side = plate or next(iter(surfaces))
+    if side not in surfaces:
+        raise UsageError(f"--plate {side}: this plate is flat; {next(iter(surfaces))} has a surface")
+    surface = surfaces[side]
+    _write(HeightMap(surface.heights, surface.spacing, side), out)
+    statistics = with_spectrum(surface.statistics, surface.one_copy, surface.spacing)
+    return Described(f"{path.name}, {side} plate", surface.heights, surface.spacing, statistics, surface.notes)
+
+
+def _write(scan: HeightMap, out: Sequence[Path]) -> None:
+    for target in out:
+        if target.suffix.lower() in SCANS:
+            try:
+                write_whole(target, npz_bytes(scan))
+            except OSError as error:
+                raise OutputError(f"{target}: cannot be written ({error.strerror or error})") from error
+
+
+def surface_report(one: Described, json: bool) -> None:
+    """Print the statistics of a surface, as a table or as JSON."""
+    n_y, n_x = one.heights.shape
+    size = n_x * one.spacing[0], n_y * one.spacing[1]
+    if json:
+        grid = {"name": one.name, "points": [n_x, n_y], "spacing": list(one.spacing), "notes": list(one.notes)}
+        print_json(grid | one.statistics.document())
+        return
+    s, radius = one.statistics, lambda curvature: pretty(1.0 / curvature, "length") if curvature > 0.0 else "infinite"
+    rows = [
+        ("size", f"{pretty(size[0], 'length')} by {pretty(size[1], 'length')}"),
+        ("points", f"{n_x} by {n_y}, {pretty(one.spacing[0], 'length')} and {pretty(one.spacing[1], 'length')} apart"),
+        ("rms height", pretty(s.rms_height, "length")),
+        ("highest, lowest", f"{pretty(s.highest, 'length')}, {pretty(s.lowest, 'length')} over the mean"),
+        ("skewness, kurtosis", f"{s.skewness:.3g}, {s.kurtosis:.3g} (Gaussian: 0, 3)"),
+        ("rms slope, largest", f"{s.rms_slope:.3g}, {s.max_slope:.3g}"),
+        ("rms mean curvature", f"1/{radius(s.rms_curvature)}"),
+        ("sharpest crest, valley", f"radius {radius(s.crest_curvature)}, {radius(s.valley_curvature)}"),
+        ("spectrum", law_text(s)),
+    ]
+    table(one.name, ("", ""), rows)
+    for note in one.notes:
+        print_line(note)
+
+
+def law_text(statistics: Statistics) -> str:
+    """Describe the power law of a spectrum."""
+    law = statistics.law
+    if law is None:
+        return "follows no power law"
+    above = f"flat above {pretty(law.long, 'length')}" if law.rolls_off else f"no roll-off up to {pretty(law.long, 'length')}"
+    doubt = "" if law.is_certain else "; uncertain, as the band is narrow"
+    return f"Hurst exponent {law.hurst:.2f} from {pretty(law.long, 'length')} to {pretty(law.short, 'length')}, {above}{doubt}"
+
+
+def draw_described(one: Described, out: Sequence[Path]) -> None:
+    """Draw the surface where `out` names pictures."""
+    targets = [target for target in out if target.suffix.lower() in PICTURES]
+    if targets:
+        from thirdbody.plot.surface_plot import draw_surface
+
+        for target in targets:
+            draw_surface(target, one.name, one.heights, one.spacing, one.statistics)
