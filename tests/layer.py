@@ -6,7 +6,7 @@ import pytest
 from thirdbody.errors import MissingLibrary
 from thirdbody.palette import STATE_COLORS, rgb
 from thirdbody.render import elsewhere
-from thirdbody.trajectory.schema import Frame
+from thirdbody.trajectory.names import Frame
 from thirdbody.trajectory.writer import TrajectoryWriter
 
 R = 11e-6

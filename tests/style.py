@@ -132,7 +132,7 @@ def tables_misused(path: Path, tree: ast.Module) -> Iterator[str]:
 # -- imports --
 
 FLOORS = """
-errors palette rotations
+errors palette rotations version
 files atomic_files input_files units system
 jit granular_flow
 kernels schema
@@ -212,12 +212,9 @@ MODULES = {module_of(path) for path in OURS}
 
 
 def imported(name: str) -> str:
-    """Return the module of ours that an imported name comes from, such as `engine.state`; empty for others.
-
-    `thirdbody` itself, with `__version__`, is there before any of its modules.
-    """
+    """Return the module of ours that an imported name comes from, such as `engine.state`; empty for others."""
     parts = name.split(".")
-    if parts[0] != "thirdbody" or name in ("thirdbody", "thirdbody.__version__"):
+    if parts[0] != "thirdbody":
         return ""
     return next((module for k in range(len(parts), 1, -1) if (module := ".".join(parts[1:k])) in MODULES), "__init__")
 

@@ -8,10 +8,11 @@ Names are imported when first used, so that importing the package costs nothing 
 of their own, as entry points of the group `thirdbody.functions`: `thirdbody.balance(file)` is one.
 """
 
-from importlib.metadata import EntryPoints, PackageNotFoundError, entry_points, version
+from importlib.metadata import EntryPoints, entry_points
 from typing import TYPE_CHECKING, Any
 
 from thirdbody import errors
+from thirdbody.version import __version__ as __version__
 
 if TYPE_CHECKING:
     from thirdbody.api import Run, resume, run
@@ -34,11 +35,6 @@ _MODULES = {
 }
 
 FUNCTION_GROUP = "thirdbody.functions"
-
-try:
-    __version__ = version("thirdbody")
-except PackageNotFoundError:  # a source tree that is not installed
-    __version__ = "0+unknown"
 
 
 def __getattr__(name: str) -> Any:

@@ -22,7 +22,7 @@ from thirdbody.laws.generated import plain
 from thirdbody.laws.registry import Registry, discover
 from thirdbody.runner.simulate import execute
 from thirdbody.scene.model import Scene
-from thirdbody.trajectory.reader import FILE_NAME
+from thirdbody.trajectory.open_file import FILE_NAME
 
 DMT = Path(__file__).parents[2] / "plugins" / "dmt_adhesion.py"
 SCENE = edited(

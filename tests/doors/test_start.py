@@ -23,7 +23,7 @@ from thirdbody.runner.checkpoint import FILE as CHECKPOINT
 from thirdbody.runner.stops import planned_frames, targets
 from thirdbody.studies.point import Point, run_point
 from thirdbody.studies.workers import LocalWorkers
-from thirdbody.system import child_process
+from thirdbody.system import processes
 from thirdbody.trajectory.writer import Frame, TrajectoryWriter
 
 SLOW = pytest.mark.full(kind="slow")
@@ -255,12 +255,12 @@ def test_an_entry_of_the_search_path_that_is_the_current_folder(planted, monkeyp
     """`PYTHONPATH=$PYTHONPATH:...` with nothing before the colon, as it stands in many shells' start files."""
     monkeypatch.setenv("PYTHONPATH", str(planted) if path == "HERE" else path)
     monkeypatch.setattr(sys, "path", ["", str(planted), *sys.path])
-    command = child_process.python_command("this_is_no_module")
-    done = subprocess.run(command, env=child_process.python_environment(), capture_output=True, text=True)
+    command = processes.python_command("this_is_no_module")
+    done = subprocess.run(command, env=processes.python_environment(), capture_output=True, text=True)
     assert "No module named this_is_no_module" in done.stderr and executed(planted) == []
     inner = "import json, subprocess, sys; print(json.dumps(sys.path)); subprocess.run([sys.executable, '-c', 'import json'])"
     start = [sys.executable, "-P", "-c", inner]
-    done = subprocess.run(start, env=child_process.python_environment(), capture_output=True, text=True)
+    done = subprocess.run(start, env=processes.python_environment(), capture_output=True, text=True)
     assert str(planted) not in json.loads(done.stdout) and executed(planted) == [], done.stderr
 
 
@@ -269,12 +269,12 @@ def test_a_child_has_the_packages_of_its_parent(tmp_path, monkeypatch):
     (tmp_path / "only_here.py").write_text("import sys, json\nprint(sys.argv[1:], __name__, json.__file__)")
     (tmp_path / "json.py").write_text("raise ImportError('hides the standard library')")
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
-    command = child_process.python_command("only_here", "a", "b c")
-    done = subprocess.run(command, env=child_process.python_environment(), capture_output=True, text=True)
+    command = processes.python_command("only_here", "a", "b c")
+    done = subprocess.run(command, env=processes.python_environment(), capture_output=True, text=True)
     assert done.stdout.startswith(f"['a', 'b c'] __main__ {json.__file__}"), done.stderr
 
 
 def test_python_is_started_in_one_place_only():
     users = {path.name for path in SOURCE.rglob("*.py") if "sys.executable" in path.read_text(encoding="utf-8")}
     users |= {path.name for path in (SOURCE.parents[1] / "plugins").rglob("*.py") if "sys.executable" in path.read_text()}
-    assert users == {"child_process.py"}
+    assert users == {"processes.py"}

@@ -144,7 +144,7 @@ def _become(words: list[str], folder: Path, out: Path, err: Path) -> None:
 
 
 def serve(folder: Path) -> None:
-    import thirdbody.export.export_run
+    import thirdbody.export.tables
     import thirdbody.report.tables  # noqa: F401  what all lines need, without numba's threads
 
     answers = os.fdopen(os.dup(1), "w", encoding="ascii")

@@ -192,8 +192,8 @@ COMMANDS: dict[str, list[str]] = {
 
 def read_run(path: Path) -> None:
     import thirdbody
-    from thirdbody.export.csv_tables import export_csv
-    from thirdbody.trajectory.stored_frames import static_arrays
+    from thirdbody.export.tables import export_csv
+    from thirdbody.trajectory.writer import static_arrays
 
     with thirdbody.open(path) as run:
         repr(run), run.scene_text, run.summary(), run.times, run.series, run.units, static_arrays(run)

@@ -15,8 +15,7 @@ from thirdbody.runner.checkpoint import FILE
 from thirdbody.runner.resume import prepare_resume
 from thirdbody.runner.run_loop import WallTimes
 from thirdbody.runner.simulate import execute, prepare
-from thirdbody.trajectory.crash_safe_file import Sink
-from thirdbody.trajectory.polydata_block import Block
+from thirdbody.trajectory.blocks import Block, Sink
 
 OFTEN = 0.05
 """Seconds between checkpoints: a run of some seconds writes dozens."""

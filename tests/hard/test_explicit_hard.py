@@ -12,12 +12,11 @@ from hard.free_bodies import turned_pair
 from slow import slow
 from theory import builders as make
 
-from thirdbody.api import run
+from thirdbody.api import open_run, run
 from thirdbody.assembly.simulation import build
 from thirdbody.errors import GuardStop
 from thirdbody.kernels.tables import body, body_extra, contact_state, run_totals
 from thirdbody.scene.model import ConstantVelocity, Contact, Domain, Effects, Motion, Scene, UpperPlate
-from thirdbody.trajectory.reader import open_run
 
 SCENES = Path(__file__).parents[2] / "scenes"
 RADIUS = 1e-3

@@ -18,7 +18,7 @@ from trajectories import contents
 
 import thirdbody
 from thirdbody.errors import InputError, Interrupted
-from thirdbody.export.export_run import export_run
+from thirdbody.export.tables import export_run
 from thirdbody.render.surfaces import plate_map
 from thirdbody.runner.resume import prepare_resume
 from thirdbody.runner.simulate import execute, prepare

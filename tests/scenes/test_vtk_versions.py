@@ -15,11 +15,11 @@ import pytest
 from portable import PATIENCE
 
 import thirdbody
+from thirdbody.api import Run
 from thirdbody.export.paraview import write_sidecars
-from thirdbody.export.pvd import export_pvd
+from thirdbody.export.vtk import export_pvd
 from thirdbody.palette import rgb, state_colors
-from thirdbody.trajectory.reader import Run
-from thirdbody.trajectory.schema import BLOCKS, Frame
+from thirdbody.trajectory.names import BLOCKS, Frame
 from thirdbody.trajectory.writer import TrajectoryWriter
 
 VERSIONS = ["9.4", "9.5", "9.6", "9.7"]

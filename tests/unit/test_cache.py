@@ -15,7 +15,7 @@ import pytest
 from thirdbody.errors import OutputError
 from thirdbody.jit import cache  # what is tested is in place once kernels are imported
 from thirdbody.laws import generated
-from thirdbody.system import module_import
+from thirdbody.system import processes
 
 OTHER_USER = 54321
 
@@ -194,7 +194,7 @@ def load(tmp_path, monkeypatch):
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
 
     def call():
-        twice = module_import.import_file("law_with_a_cache", tmp_path / "law.py").twice
+        twice = processes.import_file("law_with_a_cache", tmp_path / "law.py").twice
         del sys.modules["law_with_a_cache"]
         assert twice(1.5) == 3.0
         return sum(twice.stats.cache_hits.values())

@@ -7,7 +7,7 @@ import pytest
 
 import thirdbody.bodies.clump as module
 from thirdbody.bodies.clump import Clump, clump, clump_with_frame, sphere_points, summit_radii, touched
-from thirdbody.bodies.irregular_clumps import Asperities, irregular, population, with_asperities
+from thirdbody.bodies.irregular_clumps import irregular, population, with_asperities
 from thirdbody.errors import InputError
 from thirdbody.rotations import matrix_from_quaternion
 
@@ -160,20 +160,15 @@ def test_a_plane_touches_every_asperity_and_each_protrudes_by_its_radius():
 
 def test_the_body_below_is_the_one_without_and_no_body_depends_on_others():
     bare = population(1, 0, 4, (4, 6), [1, 0.8, 0.6], **SIZE)
-    rough = population(1, 0, 4, (4, 6), [1, 0.8, 0.6], asperities=Asperities(3, radius=5e-7), **SIZE)
+    rough = population(1, 0, 4, (4, 6), [1, 0.8, 0.6], asperities=(3, lambda diameter: 1e-6 / diameter), **SIZE)
     for a, b in zip(bare, rough, strict=True):
         n = len(a.radii)
         assert len(b.radii) == n + 3 and b.diameter == pytest.approx(a.diameter, rel=1e-12, abs=0.0)
         assert b.radii[n:] == pytest.approx(5e-7, rel=1e-12, abs=0.0)  # a length stays that length
         assert b.radii[:n] / b.radii[0] == pytest.approx(a.radii / a.radii[0], rel=1e-14)  # one factor for all
-    few = population(1, 0, 2, (4, 6), [1, 0.8, 0.6], asperities=Asperities(3, radius=5e-7), **SIZE)
+    few = population(1, 0, 2, (4, 6), [1, 0.8, 0.6], asperities=(3, lambda diameter: 1e-6 / diameter), **SIZE)
     for a, b in zip(few, rough, strict=False):
         assert np.array_equal(a.centers, b.centers)
-
-
-def test_asperities_too_large_for_their_body_are_refused():
-    with pytest.raises(InputError, match="asperities"):
-        population(1, 0, 1, (4, 6), [1, 1, 1], asperities=Asperities(3, 1e-5), **SIZE)
 
 
 def test_no_angularity_is_the_body_as_ever():

@@ -10,6 +10,7 @@ import pytest
 from layer import R, hue_share, skip_unless_drawable, write_layer
 from PIL import Image
 
+from thirdbody.api import open_run
 from thirdbody.errors import InputError, MissingLibrary
 from thirdbody.palette import STATE_COLORS
 from thirdbody.render.coloring import Coloring, Legend
@@ -17,7 +18,6 @@ from thirdbody.render.film import frame_numbers, gif, mp4
 from thirdbody.render.layout import compute_layout
 from thirdbody.render.picture_data import force_tubes, nearest_image, read_close_up, read_picture_data, read_spots
 from thirdbody.render.render import render
-from thirdbody.trajectory.reader import open_run
 
 
 @pytest.fixture(scope="module")

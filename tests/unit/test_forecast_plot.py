@@ -8,12 +8,12 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
+from thirdbody.api import open_run
 from thirdbody.palette import STATE_COLORS
 from thirdbody.plot import forecast_plot
 from thirdbody.plot.forecast_plot import BAND, NEVER, Forecasts, agreement, draw_into
 from thirdbody.report.forecast import compare_forecast, forecasts
-from thirdbody.trajectory.reader import open_run
-from thirdbody.trajectory.schema import Frame
+from thirdbody.trajectory.names import Frame
 from thirdbody.trajectory.writer import TrajectoryWriter
 
 # body, friction, t_min, t_max, told that it can slide, fact, margin

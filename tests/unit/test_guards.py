@@ -12,6 +12,7 @@ import pytest
 from hard import trial as make
 from hard.trial import Setting, Trial
 
+from thirdbody.api import open_run
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.accuracy import causes, in_words, limited_by, limiting_body
 from thirdbody.engine.explicit import Explicit
@@ -24,7 +25,6 @@ from thirdbody.runner.run_folder import RunFolder
 from thirdbody.runner.run_loop import RunLoop
 from thirdbody.runner.simulate import execute, prepare
 from thirdbody.scene.model import Domain, Scene
-from thirdbody.trajectory.reader import open_run
 
 BOTH = pytest.mark.parametrize("integrator", ["explicit", "implicit"])
 

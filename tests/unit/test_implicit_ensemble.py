@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from thirdbody.api import open_run
 from thirdbody.engine import implicit, implicit_ensemble
 from thirdbody.engine.candidates import AllRows, ClosedRows
 from thirdbody.engine.guards import Ledger
@@ -15,7 +16,6 @@ from thirdbody.runner.run_loop import WallTimes
 from thirdbody.runner.simulate import execute, prepare
 from thirdbody.scene.model import Scene
 from thirdbody.trajectory.frame import FrameMaker
-from thirdbody.trajectory.reader import open_run
 
 SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
 SETTINGS = {

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
+from thirdbody.api import open_run
 from thirdbody.errors import InputError, MissingLibrary, OutputError, UsageError
 from thirdbody.palette import STATE_COLORS
 from thirdbody.plot.drag_panels import ledger, loop_area, stretches
 from thirdbody.plot.run_data import RunData
 from thirdbody.plot.summary_page import NAMES, page, plot
 from thirdbody.render import render as render_module
-from thirdbody.trajectory.reader import open_run
-from thirdbody.trajectory.schema import Frame
-from thirdbody.trajectory.statistics import mean_and_error, running_mean
+from thirdbody.trajectory.friction import mean_and_error, running_mean
+from thirdbody.trajectory.names import Frame
 from thirdbody.trajectory.writer import TrajectoryWriter
 from thirdbody.units import percent, quantity_text, with_error
 

@@ -9,6 +9,7 @@ import pytest
 from layer import R, hue_share, skip_unless_drawable, write_layer
 from PIL import Image
 
+from thirdbody.api import open_run
 from thirdbody.errors import InputError, MissingLibrary, OutputError
 from thirdbody.palette import CATEGORY_COLORS, STATE_COLORS, category_colors, field_colors, rgb, state_colors
 from thirdbody.render import elsewhere
@@ -16,7 +17,6 @@ from thirdbody.render.coloring import Coloring, Legend, compute_coloring
 from thirdbody.render.layout import close_up_window
 from thirdbody.render.picture_data import TUBE, read_picture_data
 from thirdbody.render.render import render
-from thirdbody.trajectory.reader import open_run
 from thirdbody.units import with_unit
 
 

@@ -15,6 +15,7 @@ from layer import clump_layer, hue_share, write_layer
 from PIL import Image
 from portable import PATIENCE
 
+from thirdbody.api import open_run
 from thirdbody.errors import InputError
 from thirdbody.palette import STATE_COLORS
 from thirdbody.render.coloring import Legend
@@ -24,7 +25,6 @@ from thirdbody.render.surfaces import SHADE, skirt, window_mesh
 from thirdbody.render.web_viewer import FINEST, write_page
 from thirdbody.surfaces.grid import phases, sine_heights
 from thirdbody.surfaces.surface import Surface
-from thirdbody.trajectory.reader import open_run
 from thirdbody.trajectory.writer import TrajectoryWriter
 
 COUNT, AMPLITUDE = 12, 2e-6

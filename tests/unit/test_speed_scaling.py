@@ -9,7 +9,7 @@ import pytest
 from each import each
 from steel import scene_text
 
-from thirdbody.api import resume, run
+from thirdbody.api import open_run, resume, run
 from thirdbody.assembly.bed import Bed
 from thirdbody.assembly.schedule import schedule
 from thirdbody.assembly.simulation import build
@@ -21,7 +21,6 @@ from thirdbody.runner.run_loop import WallTimes
 from thirdbody.runner.simulate import execute, prepare
 from thirdbody.scene.model import Scene
 from thirdbody.scene.speed import at_speed
-from thirdbody.trajectory.reader import open_run
 
 BALL = '[[debris]]\nmaterial = "steel"\nkind = "spheres"\nradius = "5 um"\n'
 AT = 'positions = [["50 um", "50 um", "5 um"]]'

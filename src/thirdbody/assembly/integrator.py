@@ -58,7 +58,7 @@ implicit one takes longer to compile at the first start."""
 EXPLICIT_STEP = 0.9 * RAYLEIGH_FRACTION
 """Mean explicit time step over the shortest Rayleigh time of a body: contacts shorten it."""
 
-PRESSED = 30.0
+PRESSED = 27.0
 """Bound of the largest eigenvalue of a body that its load presses between the plates, times its mass, over the stiffness of one
 contact. Where contacts limit the step, not Rayleigh waves, its bound gives 21 to 37 for balls and clumps."""
 

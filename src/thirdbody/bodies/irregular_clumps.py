@@ -1,8 +1,7 @@
 """Irregular clumps, their asperities and size distributions: random debris, reproducible body by body."""
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
 from statistics import NormalDist
 
 import numpy as np
@@ -35,34 +34,11 @@ _CANDIDATES = 12
 # Bodies with open random streams, and size of a stack of them: with 1e5 its tables stay in the cache.
 _BLOCK = 4096
 _MAX_BLOCK = 100_000
-# Largest radius of an asperity over the body's equivalent radius; larger ones would change the body.
-_LARGEST = 0.5
 # The radius of asperities depends on the size of the whole body, which they change: each iteration reduces the misfit
 # to less than this fraction (at most 0.5; 0.01 for small ones), so that rounding is reached long before the limit.
 _ROUNDS = 60
 
 _SURFACE = sphere_points(48)
-
-
-@dataclass(frozen=True)
-class Asperities:
-    """Spheres on a body: `count`, and either `radius` [m] or `relative` to the equivalent radius."""
-
-    count: int
-    radius: float | None = None
-    relative: float | None = None
-
-    def fraction(self, diameter: float) -> float:
-        """Return the radius over the equivalent radius of a body of this volume-equivalent diameter [m].
-
-        InputError: the fraction is out of range.
-        """
-        value = self.relative if self.radius is None else 2.0 * self.radius / diameter
-        assert value is not None
-        if not 0.0 < value <= _LARGEST:
-            report = f"{value:.3g} of the equivalent radius of a body of diameter {diameter:.3g} m"
-            raise InputError(Fault("asperities.radius", f"{report} must be more than 0 and at most {_LARGEST:g}"))
-        return value
 
 
 def irregular(rng: np.random.Generator, n_spheres: int, aspect, diameter: float, angularity: float = 0.0) -> Clump:
@@ -109,15 +85,16 @@ def population(
     spheres: tuple[int, int],
     aspect,
     angularity: float = 0.0,
-    asperities: Asperities | None = None,
+    asperities: tuple[int, Callable[[float], float]] | None = None,
     shapes: int | None = None,
     **size,
 ) -> list[Clump]:
     """Return the clumps of a population; size: keywords of `diameters`, spheres: range per body.
 
-    Body k draws from its own stream, so it is the same for every count; asperities draw last, so that the body under them has the
-    same shape as without them. From body `shapes` on, it draws its size and which of the first bodies it is a copy of.
-    InputError: as `irregular`, `diameters` and `Asperities.fraction`.
+    asperities: their number, and their radius over the body's equivalent radius as a function of its diameter. Body k draws from
+    its own stream, so it is the same for every count; asperities draw last, so that the body under them has the same shape as
+    without them. From body `shapes` on, it draws its size and which of the first bodies it is a copy of. InputError: as
+    `irregular` and `diameters`.
     """
     bodies: list[Clump] = []
     different = count if shapes is None else min(count, shapes)
@@ -131,7 +108,7 @@ def population(
         for k, rng in enumerate(rngs):
             body, diameter = built[k], float(wide[k])
             if asperities is not None:
-                body = with_asperities(rng, body, asperities.count, asperities.fraction(diameter))
+                body = with_asperities(rng, body, asperities[0], asperities[1](diameter))
             bodies.append(body)
     originals = bodies[:different]
     for rngs in _streams(seed, population_index, different, count):

@@ -17,7 +17,7 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS
 from thirdbody.rotations import cross, dot
-from thirdbody.system.cpu_count import cores
+from thirdbody.system.processes import cores
 
 TWO_PI = 2.0 * math.pi
 # Order of the ten moments: 1, x, y, z, xx, yy, zz, xy, xz, yz.

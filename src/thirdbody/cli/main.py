@@ -32,7 +32,7 @@ RunPath = Annotated[Path, typer.Argument(metavar="RUN", help="run folder or its 
 def top(version: Annotated[bool, typer.Option("--version", "-V", help="print the version and exit")] = False) -> None:
     """Handle options given without a command."""
     if version:
-        from thirdbody import __version__
+        from thirdbody.version import __version__
 
         print_line(f"thirdbody {__version__}")
         raise typer.Exit
@@ -203,7 +203,7 @@ def export(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace what is there")] = False,
 ) -> None:
     """Export a run: CSV tables, files for older versions of ParaView."""
-    from thirdbody.export.export_run import export_run
+    from thirdbody.export.tables import export_run
 
     for path in export_run(run, csv, pvd, frame, overwrite):
         print_line(path)

@@ -70,10 +70,13 @@ class Asperities(Part):
     radius: Annotated[float | str, _RADIUS]
     """Radius: a length, or a fraction of the equivalent radius of the body. Example: "0.5 um"."""
 
-    @property
-    def length(self) -> float | None:
-        """Radius [m]; None if it is a fraction."""
-        return units.parse(self.radius, "length") if isinstance(self.radius, str) else None
+    def fraction(self, diameter: float) -> float:
+        """Return the radius over the equivalent radius of a body of this diameter [m]. Raises InputError for too large a one."""
+        value = 2.0 * units.parse(self.radius, "length") / diameter if isinstance(self.radius, str) else self.radius
+        if value > 0.5:
+            report = f"{value:.3g} of the equivalent radius of a body of diameter {diameter:.3g} m"
+            raise InputError(Fault("asperities.radius", f"{report} must be more than 0 and at most 0.5"))
+        return value
 
 
 class Irregular(VolumeKeys):
@@ -113,7 +116,7 @@ class Irregular(VolumeKeys):
         wrong: list[Wrong] = []
         if minimum > maximum:
             wrong.append((("spheres",), f"the least, {minimum}, is more than the most, {maximum}"))
-        if self.shapes is not None and self.asperities is not None and self.asperities.length is not None:
+        if self.shapes is not None and self.asperities is not None and isinstance(self.asperities.radius, str):
             message = f"with shapes = {self.shapes}, whose copies have other sizes, it must be a fraction of the body's radius"
             wrong.append((("asperities", "radius"), message))
         return wrong
@@ -128,11 +131,8 @@ class Irregular(VolumeKeys):
         if self.aspect[thin] < THINNEST:
             message = f"{self.aspect[thin]:g} is less than the {THINNEST:g} that spheres can fill"
             raise InputError(Fault(f"aspect[{thin}]", message))
-        summits, named = None, self.asperities
-        if named is not None:
-            relative = None if isinstance(named.radius, str) else named.radius
-            summits = irregular_clumps.Asperities(named.count, named.length, relative)
-        shape = (self.spheres, self.aspect, self.angularity or 0.0, summits, self.shapes)
+        asperities = None if self.asperities is None else (self.asperities.count, self.asperities.fraction)
+        shape = (self.spheres, self.aspect, self.angularity or 0.0, asperities, self.shapes)
         return irregular_clumps.population(random.seed, random.population, self.count, *shape, **self.size.parameters())
 
 

@@ -215,9 +215,7 @@ class Implicit:
 
     def advance_islands(self, first: int, last: int, until: float, tries: float = math.inf) -> None:
         """Advance the islands `order[first:last]`, where bodies meet all, to a time [s], with at most `tries` trial steps each.
-
-        Totals of the run are not updated. Splitting the work into several calls does not change a bit of the result.
-        """
+        Totals of the run are not updated. Splitting the work into several calls does not change a bit of the result."""
         pieces = self.islands.pieces if self.meeting else parts_of(first, last, tries)
         self.each_island(pieces, driver.advance_islands, until, tries)
 

@@ -195,10 +195,8 @@ found one by one: a grid for such distances would list all pairs of all bodies."
 
 
 def may_have_touched(state: State, positions: Array, swept: Array) -> tuple[Numbers, Numbers]:
-    """Return the pairs of spheres of different bodies that may have touched: owners and partners.
-
-    `positions`: (n, 3) of all spheres at the last search [m]; `swept` (n, sphere_path.WIDTH): their paths since then.
-    """
+    """Return the pairs of spheres of different bodies that may have touched: owners and partners. `positions`: (n, 3) of all
+    spheres at the last search [m]; `swept` (n, sphere_path.WIDTH): their paths since then."""
     paths = ROUNDED * swept[:, sphere_path.LENGTH]
     usual = min(float(paths.max()), OUTLIER * float(np.quantile(paths, 0.99)))
     own, partner = search_pairs(state, 2.0 * usual + float(state.D[domain.REACH]))
@@ -253,11 +251,8 @@ def _smallest_gaps(state: State, positions: Array, paths: Array, own: Numbers, p
 
 
 def _apart(between: Array, a: Array, b: Array) -> Array:
-    """Return the smallest distances (n,) of segments a and b (n, 3).
-
-    `between` (n, 3): vector from the end of b to the end of a. Closest points of two segments (Ericson 2005, Real-time collision
-    detection, 5.1.9): those of the lines, then clipped.
-    """
+    """Return the smallest distances (n,) of segments a and b (n, 3). `between` (n, 3): vector from the end of b to the end of a.
+    Closest points of two segments (Ericson 2005, Real-time collision detection, 5.1.9): those of the lines, then clipped."""
     start = between - a + b
     aa, bb, ab = np.sum(a * a, axis=1), np.sum(b * b, axis=1), np.sum(a * b, axis=1)
     along_a, along_b = np.sum(a * start, axis=1), np.sum(b * start, axis=1)

@@ -90,10 +90,8 @@ def replace_pairs(state: State, own: Numbers, partner: Numbers) -> None:
 
 
 def _between_groups(owner_body: Ints, partner_body: Ints, n_bodies: int) -> tuple[Numbers, Numbers, Numbers, Numbers]:
-    """Return `outer`, `remote_body`, `lowest` and `needs` of `Candidates` for pairs of bodies (owner, partner).
-
-    Rows of remote forces are sorted by chunk of the guest, then by candidate.
-    """
+    """Return `outer`, `remote_body`, `lowest` and `needs` of `Candidates` for pairs of bodies (owner, partner). Rows of remote
+    forces are sorted by chunk of the guest, then by candidate."""
     size, groups = BODIES * GROUP, -(-n_bodies // (BODIES * GROUP))
     others = np.flatnonzero(owner_body // size != partner_body // size)
     others = others[np.argsort(partner_body[others] // BODIES, kind="stable")]
@@ -133,9 +131,7 @@ def _pairs_within(
     state: State, distance: float, capacity: int, plates: bool = True, debris: bool = True
 ) -> tuple[int, Numbers, Numbers]:
     """Return the number of pairs with plates, then owners and partners of all pairs with gaps smaller than `distance` [m].
-
-    `capacity`: number of pairs for which there is room in the first attempt; `plates`, `debris`: whether to find such pairs.
-    """
+    `capacity`: number of pairs for which there is room in the first attempt; `plates`, `debris`: whether to find such pairs."""
     world, spheres, cells = state.world, passes.Spheres(state.body, state.side), grid(state, distance) if debris else None
 
     def limit(exists: bool, surface: Array | None) -> tuple[int, float]:

@@ -107,10 +107,8 @@ def _fixed(state: State) -> dict[str, Array]:
 
 
 def _slots(captured: Snapshot, state: State) -> Candidates:
-    """Return the candidates of a snapshot; index tables that follow from the pairs are computed again.
-
-    Where only closed ones have rows, the pairs are those of the built scene. Raises KeyError or ValueError.
-    """
+    """Return the candidates of a snapshot; index tables that follow from the pairs are computed again. Where only closed ones
+    have rows, the pairs are those of the built scene. Raises KeyError or ValueError."""
     slots, arrays, rows = state.slots, captured.arrays, state.slots.rows
     if isinstance(rows, ClosedRows):
         closed, H, R = (arrays[name] for name in (CLOSED, "slots_H", "slots_R"))

@@ -17,8 +17,7 @@ from typing import Any
 
 from thirdbody.jit import cache
 from thirdbody.jit.cache import paused
-from thirdbody.system.child_process import python_command, python_environment
-from thirdbody.system.cpu_count import cores
+from thirdbody.system.processes import cores, python_command, python_environment
 
 UNITS: dict[str, tuple[str, ...]] = {
     "common_plate": ("implicit.common_plate",),

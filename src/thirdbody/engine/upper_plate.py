@@ -196,10 +196,8 @@ class Schedule:
             yield t, until, None if None in rates else math.hypot(*rates)  # type: ignore[arg-type]
 
     def _cycles(self, begin: float, until: float) -> tuple[float, float]:
-        """Return the number (possibly infinite) of whole cycles in an interval, and the period [s].
-
-        (0, 0) where the motion is not periodic.
-        """
+        """Return the number (possibly infinite) of whole cycles in an interval, and the period [s]. (0, 0) where the motion is
+        not periodic."""
         valid = [_segment_at(axis, begin) for axis in (self.x, self.y) if _constant_rate(axis, begin) is None]
         cycles = {_period(s) for s in valid if s}
         if len(cycles) != 1 or 0.0 in cycles:

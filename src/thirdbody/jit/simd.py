@@ -254,10 +254,8 @@ def flush_below(builder: Any, v: Any, minimum: Any) -> Any:
 
 @memory_code(1, _INT, four)
 def active_bits(builder: Any, pointer: Any, v: Any) -> Any:
-    """Return which lanes of v are positive (bits 0 to 3), and which ceased to be (bits 4 to 7): (closed, k, v).
-
-    The latter are not positive though `closed[k:k + 4]`, bytes, was not 0. Sets `closed` to 1 where v is positive, else to 0.
-    """
+    """Return which lanes of v are positive (bits 0 to 3), and which ceased to be (bits 4 to 7): (closed, k, v). The latter are
+    not positive though `closed[k:k + 4]`, bytes, was not 0. Sets `closed` to 1 where v is positive, else to 0."""
     pointer = builder.bitcast(pointer, _BYTES.as_pointer())
     was, on = builder.load(pointer, align=1), builder.fcmp_ordered(">", v, _VECTOR([0.0] * LANES))
     builder.store(builder.zext(on, _BYTES), pointer, align=1)
@@ -268,10 +266,8 @@ def active_bits(builder: Any, pointer: Any, v: Any) -> Any:
 
 @memory_code(1, _INT, _INT, _INT)
 def compress_store(builder: Any, pointer: Any, k: Any, bits: Any) -> Any:
-    """Write the numbers k to k + 3 whose bit is set into the list A from m on, (A, m, k, bits); return their number.
-
-    The elements after them, up to m + 3, are overwritten with undefined values.
-    """
+    """Write the numbers k to k + 3 whose bit is set into the list A from m on, (A, m, k, bits); return their number. The elements
+    after them, up to m + 3, are overwritten with undefined values."""
     rows = cgutils.global_constant(builder, "places", ir.ArrayType(_SHORTS, len(_POSITIONS))(_POSITIONS))
     ahead = builder.load(builder.gep(rows, [_SPLIT(0), bits]))
     first = builder.insert_element(_SHORTS(ir.Undefined), builder.trunc(k, _SPLIT), _SPLIT(0))

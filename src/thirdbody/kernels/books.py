@@ -110,10 +110,8 @@ def twist_work_of_mean(q, old, new, twist, tile):
 
 @njit(**BARE_CHUNK)
 def book(n, context, tile):
-    """Replace the friction loss that the laws of n contacts booked by that of the mean force.
-
-    The context has the columns of the history with the force, both moments and the energy of the springs; moment, twist -1: none.
-    """
+    """Replace the friction loss that the laws of n contacts booked by that of the mean force. The context has the columns of the
+    history with the force, both moments and the energy of the springs; moment, twist -1: none."""
     I, O, moment, twist = tile.inputs, tile.outputs, context.moment, context.twist  # noqa: E741
     old, new = law_input.HISTORY + context.force, law_output.HISTORY + context.force
     for q in range(0, n, LANES):

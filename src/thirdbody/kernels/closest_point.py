@@ -290,11 +290,9 @@ def search_period(field, centre, origin, reach, minima, n):
 
 @njit(**BARE_CHUNK)
 def find_minima(field, centre, reach, minima):
-    """Write all local minima of the distance of a centre (3,) [m] that are at most `reach` [m] away; return their number.
-
-    Rows of `minima`, the nearest first: offset (x, y) from below the centre, and distance [m], negative below the surface. Of
-    more minima than rows the nearest are kept; the number is then one more than rows.
-    """
+    """Write all local minima of the distance of a centre (3,) [m] that are at most `reach` [m] away; return their number. Rows of
+    `minima`, the nearest first: offset (x, y) from below the centre, and distance [m], negative below the surface. Of more minima
+    than rows the nearest are kept; the number is then one more than rows."""
     length_x, length_y = field[head.LENGTH_X], field[head.LENGTH_Y]
     if centre[2] - reach > field[head.MAX_HEIGHT]:
         return np.int64(0)

@@ -184,10 +184,8 @@ def gather_pair_contacts(n, slots, context, tile):
 
 @njit(**BARE_CHUNK)
 def pair_geometry(n, dt, box, tile):
-    """Compute normals, overlaps, arms, effective radii and masses of n contacts between spheres.
-
-    Slip is a displacement of the step, so its arms are those of the middle of the step: hence the normal of half a step ago.
-    """
+    """Compute normals, overlaps, arms, effective radii and masses of n contacts between spheres. Slip is a displacement of the
+    step, so its arms are those of the middle of the step: hence the normal of half a step ago."""
     I, G, half = tile.inputs, tile.geometry, 0.5 * dt  # noqa: E741
     l_x, l_y, c_x, c_y, _ = box
     for q in range(n):
@@ -286,11 +284,9 @@ def force_and_torques(n, tile):
 
 @njit(**BARE_CHUNK)
 def add_gradient_force(n, slots, context, tile):
-    """Add to the forces of the contacts slots[:n] with rough plates what comes from the changing effective radius.
-
-    Hertz' energy U = (8/15) E* R_eff^(1/2) overlap^(5/2) changes along the surface as R_eff does: the force -(U/2) grad ln R_eff
-    on the centre of the sphere, since rotation does not change the energy.
-    """
+    """Add to the forces of the contacts slots[:n] with rough plates what comes from the changing effective radius. Hertz' energy
+    U = (8/15) E* R_eff^(1/2) overlap^(5/2) changes along the surface as R_eff does: the force -(U/2) grad ln R_eff on the centre
+    of the sphere, since rotation does not change the energy."""
     G, Q = tile.geometry, context.Q
     for q in range(n):
         size, k = -0.5 * tile.outputs[q + law_output.STORED_NORMAL * TILE], slots[q]
@@ -351,10 +347,8 @@ def pair_overlaps(first, last, context, box, g):
 @njit(**BARE_CHUNK)
 def compact_active(first, last, g, closed, touching, opened):
     """List the candidates within reach, and those that were until the last step; return both numbers. `closed`: 1 for those
-    within reach, else 0.
-
-    The list of the active ones is padded with the last of them as far as it is read ahead; all else after the ends is undefined.
-    """
+    within reach, else 0. The list of the active ones is padded with the last of them as far as it is read ahead; all else after
+    the ends is undefined."""
     m, o, fours = np.int64(0), np.int64(0), first + (last - first) // LANES * LANES
     for k in range(first, fours, LANES):
         on = simd.active_bits(closed, k, get(g, k - first))

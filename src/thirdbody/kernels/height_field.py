@@ -128,11 +128,9 @@ def rounded(left, right, beyond, spacing):
 
 @njit(**BARE_CHUNK)
 def rounded_jet(field, jet, x, y):
-    """Return the jet at a point (x, y) [m] with second derivatives whose kinks between cells are rounded off.
-
-    The third derivatives of a bicubic spline jump there, and with them the force that follows from the change of the effective
-    radius: a sphere that it traps on a border is in balance on neither side, and no implicit step could end there.
-    """
+    """Return the jet at a point (x, y) [m] with second derivatives whose kinks between cells are rounded off. The third
+    derivatives of a bicubic spline jump there, and with them the force that follows from the change of the effective radius: a
+    sphere that it traps on a border is in balance on neither side, and no implicit step could end there."""
     h, s_x, s_y, xx, xy, yy, xxx, xxy, xyy, yyy = jet
     rate_x, rate_y = field[head.RATE_X], field[head.RATE_Y]
     i, j = math.floor(x * rate_x + 0.5), math.floor(y * rate_y + 0.5)  # the nearest borders

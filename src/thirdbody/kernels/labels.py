@@ -105,11 +105,9 @@ _F2, _F1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C"
 
 @entry(types.void(PACKED, _F1, types.int64, types.int64, _F2, _F1, _F2), nogil=True, **DIRECT, **NO_COUNTS)
 def label_bodies(packed, A, observe, label, out, observed, table):
-    """Compute state, reason, margins and extras of every body from the contacts that carry a load.
-
-    `packed`: an `Observed` with a copy of the labeller's memory; `observe`, `label`: addresses of the labeller's functions.
-    Scratch: `observed` (observed_body.WIDTH,) and `table` (largest number of contacts of a body, width).
-    """
+    """Compute state, reason, margins and extras of every body from the contacts that carry a load. `packed`: an `Observed` with a
+    copy of the labeller's memory; `observe`, `label`: addresses of the labeller's functions. Scratch: `observed`
+    (observed_body.WIDTH,) and `table` (largest number of contacts of a body, width)."""
     context = observed_of(packed)
     for b in range(context.B.shape[0]):
         n, m = body_contacts(b, context, table), np.int64(0)

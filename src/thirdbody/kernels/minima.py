@@ -185,10 +185,8 @@ def search_all(k, field, x, limits, tables):
 
 @njit(**BARE)
 def may_split(k, field, radius, reach, Q):
-    """Return whether a second minimum may begin within reach [m] of the sphere whose first row is k beside one that touches.
-
-    The normal turns by the sum of k_i/(1 + k_i D), principal curvatures k_i, distance D: large and negative in a narrow hollow.
-    """
+    """Return whether a second minimum may begin within reach [m] of the sphere whose first row is k beside one that touches. The
+    normal turns by the sum of k_i/(1 + k_i D), principal curvatures k_i, distance D: large and negative in a narrow hollow."""
     a, t = 0, surface_contact.NORMAL_GRADIENT
     while (radius + reach) * field[height_field.MAX_CURVATURE] >= 1.0 and has_more(k, a, Q):
         if has_minimum(k, a, Q) and Q[k + a, surface_contact.DISTANCE] < radius + reach:

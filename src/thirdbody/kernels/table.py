@@ -58,12 +58,36 @@ def number(unit: str, meaning: str, at: int | str | None = None) -> _Declared:
 
 
 def vector(width: int, unit: str, meaning: str, at: int | str | None = None) -> _Declared:
-    """Return the declaration of a quantity of `width` columns, for `Table`; unit, meaning, at: as of `number`."""
+    """Return the declaration of a quantity of several columns, for `Table`.
+
+    Parameters
+    ----------
+    width : int
+        Number of columns.
+    unit, meaning, at
+        As of `number`.
+
+    Returns
+    -------
+    object
+        The declaration.
+    """
     return _Declared(width, unit, meaning, at)
 
 
 def skip(width: int) -> _Declared:
-    """Return the declaration of `width` columns that are left unused, for `Table`."""
+    """Return the declaration of columns that are left unused, for `Table`.
+
+    Parameters
+    ----------
+    width : int
+        Number of columns.
+
+    Returns
+    -------
+    object
+        The declaration.
+    """
     return _Declared(width, "", "", None, "skip")
 
 

@@ -42,11 +42,8 @@ def spin(q, angular_momentum, inertia):
 
 @njit(**BARE)
 def _about(w, x, y, z, angle):
-    """Return the quaternion after a rotation about the body's own axis of x.
-
-    tan(angle/2) is replaced by angle/2, which preserves length and reversibility. For the other axes permute the arguments
-    cyclically.
-    """
+    """Return the quaternion after a rotation about the body's own axis of x. tan(angle/2) is replaced by angle/2, which preserves
+    length and reversibility. For the other axes permute the arguments cyclically."""
     s = 0.5 * angle
     c = 1.0 / math.sqrt(1.0 + s * s)
     s *= c

@@ -42,16 +42,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any, ClassVar
 
 from numba import njit
 
 from thirdbody.errors import nearest
 from thirdbody.kernels.table import Column
 from thirdbody.units import DIMENSIONS
-
-if TYPE_CHECKING:
-    from thirdbody.laws.measures import Measure
 
 STAGES = ("normal", "adhesion", "damping", "tangential", "tangential_damping", "rolling", "twisting")
 STIFF = ("normal", "tangential", "rolling", "twisting")  # stages whose tangents bound the time step
@@ -126,18 +123,26 @@ class Option:
 Options = Mapping[str, Any]
 
 
-def refuse_other_than_tuples(part: Any, **fields: type | tuple[type, ...]) -> None:
-    """Raise TypeError for a field of a part of a plug-in that is no tuple of this type, such as `(OPTION)` without its comma."""
-    for name, kinds in fields.items():
-        value = getattr(part, name)
-        if not isinstance(value, tuple):
-            raise TypeError(f"{name} of '{part.name}': expected a tuple, as ({name.upper().rstrip('S')},), not {value!r:.80}")
-        for wrong in (each for each in value if not isinstance(each, kinds)):
-            raise TypeError(f"{name} of '{part.name}': {type(wrong).__name__} {wrong!r:.80} does not belong there")
+class Checked:
+    """Part of a plug-in: refuses a field that is no tuple of its type, such as `(OPTION)` without its comma."""
+
+    TUPLES: ClassVar[dict[str, type | tuple[type, ...]]] = {}
+    name: str
+
+    def __post_init__(self) -> None:
+        """Raise TypeError."""
+        for field, kinds in self.TUPLES.items():
+            value = getattr(self, field)
+            if not isinstance(value, tuple):
+                raise TypeError(
+                    f"{field} of '{self.name}': expected a tuple, as ({field.upper().rstrip('S')},), not {value!r:.80}"
+                )
+            for wrong in (each for each in value if not isinstance(each, kinds)):
+                raise TypeError(f"{field} of '{self.name}': {type(wrong).__name__} {wrong!r:.80} does not belong there")
 
 
 @dataclass(frozen=True)
-class Law:
+class Law(Checked):
     """One contact law at one stage.
 
     `mix(pair, options)` is plain Python, run once per material pair, with the options of that pair (`options_of`); it returns
@@ -157,6 +162,8 @@ class Law:
     returns the parameters of a pair in explicit or implicit steps, of a normal law whose force jumps: see
     `plugins/effects/adhesion.py`. The engine does what is needed for an adhesion law that acts from touch on (`laws.tile_law`).
     """
+
+    TUPLES = {"options": Option, "history": str}
 
     name: str
     stage: str
@@ -179,9 +186,6 @@ class Law:
     remark: Callable[[Pair, Options, float, float], tuple[str, bool]] | None = None
     in_steps: Callable[[Any, str], Any] | None = None
 
-    def __post_init__(self) -> None:
-        refuse_other_than_tuples(self, options=Option, history=str)
-
     def memory(self) -> tuple[str, ...]:
         """Names of all floats stored per contact: the history, then the field."""
         if callable(self.field):
@@ -200,13 +204,15 @@ class Law:
 
 
 @dataclass(frozen=True)
-class BodyEffect:
+class BodyEffect(Checked):
     """A force and torque on every body: `kernel(body, p) -> Wrench`.
 
     With `sees_forces` the kernel is `kernel(body, total, p)`, where `total` is the force and torque of all contacts and of all
     effects without `sees_forces`. With `settling` it acts until the upper plate is set in motion; a scene without such a phase is
     rejected.
     """
+
+    TUPLES = {"options": Option}
 
     name: str
     kernel: Callable
@@ -217,12 +223,9 @@ class BodyEffect:
     sees_forces: bool = False
     settling: bool = False
 
-    def __post_init__(self) -> None:
-        refuse_other_than_tuples(self, options=Option)
-
 
 @dataclass(frozen=True)
-class SpotInteraction:
+class SpotInteraction(Checked):
     """Elastic interaction through a plate between the spots of a body on it, solved for all of them at once.
 
     A spot with the normal force N lowers the plate at the distance r by `compliance(material, options)` N/r, with the material of
@@ -230,18 +233,69 @@ class SpotInteraction:
     plates and chains without adhesion; anything else is refused (`kernels.close_spots`).
     """
 
+    TUPLES = {"options": Option}
+
     name: str
     compliance: Callable[[Material, Options], float]
     stiffness: Callable[[Pair, Options], float]
     source: str
     options: tuple[Option, ...] = ()
 
-    def __post_init__(self) -> None:
-        refuse_other_than_tuples(self, options=Option)
+
+SUM, MEAN, MAXIMUM = KINDS = ("sum", "mean", "maximum")
+"""How an amount is collected: summed over the steps; its mean over the time of the drag (before it, of settling) in
+which its contacts are closed; its maximum."""
 
 
 @dataclass(frozen=True)
-class Labeller:
+class Amount:
+    """One number that a measure returns for each contact and step, with its unit and meaning.
+
+    `kind`: "sum", "mean" or "maximum". `of_plate`: a sum that belongs to the plate at the contact, not to the body: bodies then
+    have it as `NAME_lower` and `NAME_upper`, and contacts between bodies do not count. `map`: name and unit of its density over
+    the surface of a plate; for sums of a plate only. A maximum is also written per contact, since the contact closed.
+    """
+
+    name: str
+    unit: str
+    doc: str
+    kind: str = SUM
+    of_plate: bool = False
+    map: tuple[str, str] | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise ValueError(f"amount '{self.name}': kind '{self.kind}' is not one of {', '.join(KINDS)}")
+        if (self.of_plate or self.map) and self.kind != SUM:
+            raise ValueError(f"amount '{self.name}': only a sum can belong to a plate")
+        if self.map and not self.of_plate:
+            raise ValueError(f"amount '{self.name}': a map is of an amount that belongs to a plate")
+
+
+@dataclass(frozen=True)
+class Measure(Checked):
+    """A measure: `kernel(s, p)` returns a tuple of floats, one per amount.
+
+    `mix(pair, options)` is plain Python, run once per material pair; it returns `p`, an instance of `parameters`. `materials`:
+    names of the optional keys of materials that it needs, which a scene that names it must give. `warnings(means)` gets the
+    largest value of each amount over the bodies at the end of a run, by name, and returns texts for the user.
+    """
+
+    TUPLES = {"amounts": Amount, "options": Option, "materials": str}
+
+    name: str
+    kernel: Callable
+    parameters: type
+    mix: Callable[[Pair, Options], Any]
+    amounts: tuple[Amount, ...]
+    source: str
+    options: tuple[Option, ...] = ()
+    materials: tuple[str, ...] = ()
+    warnings: Callable[[dict[str, float]], list[str]] | None = None
+
+
+@dataclass(frozen=True)
+class Labeller(Checked):
     """Classifies every body: a state, a reason, and margins.
 
     `observe(contacts, n, body, memory)` runs every `stride` steps and `label(contacts, n, body, memory, out)` at output frames,
@@ -251,6 +305,8 @@ class Labeller:
     `label` that compiles faster, used where no effect acts on bodies. `label_without_forecasts` is one that leaves out the extras
     `forecasts`, used where a run writes none of them.
     """
+
+    TUPLES = dict.fromkeys("states reasons margins extras memory contact_memory codes forecasts".split(), str)
 
     name: str
     observe: Callable
@@ -269,10 +325,6 @@ class Labeller:
     label_without_forecasts: Callable | None = None
     forecasts: tuple[str, ...] = ()
 
-    def __post_init__(self) -> None:
-        names = "states reasons margins extras memory contact_memory codes forecasts"
-        refuse_other_than_tuples(self, **dict.fromkeys(names.split(), str))
-
 
 @dataclass(frozen=True)
 class LawFamily:
@@ -286,19 +338,16 @@ class LawFamily:
 
 
 @dataclass(frozen=True)
-class Plugin:
+class Plugin(Checked):
     """Everything that one plug-in provides except commands.
 
     Commands are entry points of the group `thirdbody.commands`: functions for typer, imported only when called.
     """
+
+    TUPLES = {"families": LawFamily, "effects": (Law, BodyEffect, SpotInteraction), "measures": Measure}
 
     name: str
     families: tuple[LawFamily, ...] = ()
     effects: tuple[Law | BodyEffect | SpotInteraction, ...] = ()
     measures: tuple[Measure, ...] = ()
     source: str = ""
-
-    def __post_init__(self) -> None:
-        from thirdbody.laws.measures import Measure  # which derives from this module
-
-        refuse_other_than_tuples(self, families=LawFamily, effects=(Law, BodyEffect, SpotInteraction), measures=Measure)

@@ -27,7 +27,7 @@ from numba.core.dispatcher import Dispatcher
 from thirdbody.errors import ThirdbodyError
 from thirdbody.jit import cache
 from thirdbody.jit.options import HELPER
-from thirdbody.system.module_import import import_lock, import_text
+from thirdbody.system.processes import import_lock, import_text
 
 ENGINE = "thirdbody"
 LIBRARIES = frozenset({ENGINE, "llvmlite", "numba", "numpy", "scipy"}) | sys.stdlib_module_names

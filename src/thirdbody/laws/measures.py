@@ -8,68 +8,15 @@ step length depends on them: a run with measures has the bits of one without.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from thirdbody.laws.compose import HEAD, fields_of, import_lines
-from thirdbody.laws.contract import Option, Options, Pair, refuse_other_than_tuples
+from thirdbody.laws.contract import MAXIMUM, MEAN, SUM, Amount, Measure
 from thirdbody.laws.generated import load_module
 
-SUM, MEAN, MAXIMUM = KINDS = ("sum", "mean", "maximum")
-"""How an amount is collected: summed over the steps; its mean over the time of the drag (before it, of settling) in
-which its contacts are closed; its maximum."""
-
 ADD, MAX = 0, 1  # codes of the two operations in `Layout.targets`
-
-
-@dataclass(frozen=True)
-class Amount:
-    """One number that a measure returns for each contact and step, with its unit and meaning.
-
-    `kind`: "sum", "mean" or "maximum". `of_plate`: a sum that belongs to the plate at the contact, not to the body: bodies then
-    have it as `NAME_lower` and `NAME_upper`, and contacts between bodies do not count. `map`: name and unit of its density over
-    the surface of a plate; for sums of a plate only. A maximum is also written per contact, since the contact closed.
-    """
-
-    name: str
-    unit: str
-    doc: str
-    kind: str = SUM
-    of_plate: bool = False
-    map: tuple[str, str] | None = None
-
-    def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            raise ValueError(f"amount '{self.name}': kind '{self.kind}' is not one of {', '.join(KINDS)}")
-        if (self.of_plate or self.map) and self.kind != SUM:
-            raise ValueError(f"amount '{self.name}': only a sum can belong to a plate")
-        if self.map and not self.of_plate:
-            raise ValueError(f"amount '{self.name}': a map is of an amount that belongs to a plate")
-
-
-@dataclass(frozen=True)
-class Measure:
-    """A measure: `kernel(s, p)` returns a tuple of floats, one per amount.
-
-    `mix(pair, options)` is plain Python, run once per material pair; it returns `p`, an instance of `parameters`. `materials`:
-    names of the optional keys of materials that it needs, which a scene that names it must give. `warnings(means)` gets the
-    largest value of each amount over the bodies at the end of a run, by name, and returns texts for the user.
-    """
-
-    name: str
-    kernel: Callable
-    parameters: type
-    mix: Callable[[Pair, Options], Any]
-    amounts: tuple[Amount, ...]
-    source: str
-    options: tuple[Option, ...] = ()
-    materials: tuple[str, ...] = ()
-    warnings: Callable[[dict[str, float]], list[str]] | None = None
-
-    def __post_init__(self) -> None:
-        refuse_other_than_tuples(self, amounts=Amount, options=Option, materials=str)
 
 
 class Output(NamedTuple):

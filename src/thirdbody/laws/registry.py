@@ -20,7 +20,7 @@ from thirdbody.laws.friction import COULOMB, MINDLIN
 from thirdbody.laws.hertz import HERTZ
 from thirdbody.laws.measures import Measure
 from thirdbody.laws.rolling import ROLLING_RESISTANCE
-from thirdbody.system.module_import import import_file, import_lock
+from thirdbody.system.processes import import_file, import_lock
 
 GROUP = "thirdbody.plugins"
 

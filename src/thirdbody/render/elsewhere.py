@@ -14,7 +14,7 @@ from importlib.util import find_spec
 
 from thirdbody.errors import MissingLibrary, OutputError, ThirdbodyError
 from thirdbody.render.film import DRAWN, FilmReporter
-from thirdbody.system.child_process import python_command, python_environment
+from thirdbody.system.processes import python_command, python_environment
 
 EGL, OSMESA = "vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow"
 LIBRARIES = {EGL: ("libEGL.so.1",), OSMESA: ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")}

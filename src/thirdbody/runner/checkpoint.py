@@ -19,12 +19,12 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
-from thirdbody import __version__
 from thirdbody.engine.snapshot import Snapshot
 from thirdbody.errors import Fault, InputError, OutputError
 from thirdbody.jit import cache
 from thirdbody.kernels.tables import body, body_extra
 from thirdbody.laws.generated import sources
+from thirdbody.version import __version__
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation

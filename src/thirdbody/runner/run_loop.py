@@ -22,7 +22,7 @@ from thirdbody.runner.measurements import PeakPressure, bed_measures, interval_m
 from thirdbody.runner.progress import Progress, Reporter
 from thirdbody.runner.run_folder import RunFolder
 from thirdbody.runner.stops import Settling, targets
-from thirdbody.system.freed_memory import keep_freed_memory
+from thirdbody.system.processes import keep_freed_memory
 from thirdbody.trajectory.frame import FrameMaker, impulses_of
 from thirdbody.trajectory.writer import TrajectoryWriter
 

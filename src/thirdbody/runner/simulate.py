@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from thirdbody import __version__
 from thirdbody.atomic_files import write_whole
 from thirdbody.engine.units import EXPLICIT, report_compilation, start_compiling, warm_up
 from thirdbody.errors import GuardStop, Interrupted, OutputError, ThirdbodyWarning, UsageError
@@ -35,6 +34,7 @@ from thirdbody.trajectory.names import PROFILES, SERIES
 from thirdbody.trajectory.open_file import FILE_NAME
 from thirdbody.trajectory.run_file import RunFile
 from thirdbody.trajectory.writer import TrajectoryWriter
+from thirdbody.version import __version__
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation

@@ -20,7 +20,7 @@ from thirdbody.studies.axes import Settings
 from thirdbody.studies.point import DONE, Point, code_version, point_name, read_result
 from thirdbody.studies.results import unknown, with_states
 from thirdbody.studies.sweep_file import Definition
-from thirdbody.system.cpu_count import cores
+from thirdbody.system.processes import cores
 from thirdbody.system.terminal import print_line
 from thirdbody.units import DIMENSIONS, duration, file_size
 

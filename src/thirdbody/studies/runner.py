@@ -32,7 +32,7 @@ from thirdbody.studies.point import (
     write_result,
 )
 from thirdbody.studies.workers import LocalWorkers
-from thirdbody.system.cpu_count import cores
+from thirdbody.system.processes import cores
 from thirdbody.system.terminal import print_line, progress_bar
 from thirdbody.units import duration
 

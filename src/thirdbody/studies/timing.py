@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from thirdbody.kernels.tables import body
-from thirdbody.system.cpu_count import cores
+from thirdbody.system.processes import cores
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
@@ -194,7 +194,7 @@ def machine() -> dict[str, Any]:
     import llvmlite.binding as llvm
     import numba
 
-    import thirdbody
+    from thirdbody.version import __version__
 
     own = llvm.get_host_cpu_name()
     target, features = numba.config.CPU_NAME or own, numba.config.CPU_FEATURES or ""  # type: ignore[attr-defined]
@@ -213,7 +213,7 @@ def machine() -> dict[str, Any]:
         "load": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None,
         "system": f"{platform.system()} {platform.machine()}",
         "versions": {
-            "thirdbody": thirdbody.__version__, "python": platform.python_version(),
+            "thirdbody": __version__, "python": platform.python_version(),
             "numba": numba.__version__, "numpy": np.__version__,
         },
     }  # fmt: skip

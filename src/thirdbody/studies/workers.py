@@ -20,8 +20,7 @@ from types import FrameType
 from typing import Any
 
 from thirdbody.errors import ThirdbodyError
-from thirdbody.system.child_process import python_command, python_environment
-from thirdbody.system.cpu_count import cores
+from thirdbody.system.processes import cores, python_command, python_environment
 
 TRIES = 3
 """Number of processes that one point may take with it before it counts as failed."""

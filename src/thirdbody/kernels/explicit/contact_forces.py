@@ -38,10 +38,8 @@ BODY_FRACTION = 0.5  # fraction of the friction work between two bodies that eac
 
 
 def scratch_sizes(n_history, longest, interaction=False):
-    """Return the scratch of a thread for at most `longest` candidates: numbers of floats and integers.
-
-    Whole cache lines: loading a vector of eight that straddles two lines costs twice the time.
-    """
+    """Return the scratch of a thread for at most `longest` candidates: numbers of floats and integers. Whole cache lines: loading
+    a vector of eight that straddles two lines costs twice the time."""
     fields = law_input.HISTORY + law_output.HISTORY + 2 * n_history + rolling_input.WIDTH + rolling_output.WIDTH + geometry.WIDTH
     whole = longest + -longest % simd.LINE
     return fields * TILE + (close_spots.scratch_of(whole) if interaction else whole), 2 * (longest + SPARE)

@@ -70,11 +70,9 @@ class Scratch(NamedTuple):
 
 @njit(**BARE)
 def stable_step(square, rate):
-    """Return the longest stable step of oscillators x'' + rate x' + square x = 0 [s]; infinite without both.
-
-    Velocity Verlet with the velocity of the dashpot predicted from the force before: -1 is an eigenvalue of its amplification
-    where (omega dt)^2/4 + rate dt = 1.
-    """
+    """Return the longest stable step of oscillators x'' + rate x' + square x = 0 [s]; infinite without both. Velocity Verlet with
+    the velocity of the dashpot predicted from the force before: -1 is an eigenvalue of its amplification where (omega dt)^2/4 +
+    rate dt = 1."""
     return 2.0 / (rate + math.sqrt(rate * rate + square))
 
 
@@ -197,11 +195,9 @@ SCRATCH, HORIZON = types.NamedTuple((_F1, _F1, _S1), Scratch), types.NamedUniTup
 
 @entry(types.void(_I, _I, ASSEMBLY, HORIZON, _I, SCRATCH, TABLES), nogil=True, **DIRECT, **NO_COUNTS)
 def find_stiffnesses(first, last, context, horizon, stiffness, scratch, tables):
-    """Fill the rows of candidates first to last - 1, and add those with the upper plate to its patches.
-
-    Contacts are assumed as deep as they can get within the `horizon`. `stiffness`: address of the compiled function. A contact
-    between two bodies that both move counts twice in each (|J1 x1 - J2 x2|^2 <= 2 |J1 x1|^2 + 2 |J2 x2|^2).
-    """
+    """Fill the rows of candidates first to last - 1, and add those with the upper plate to its patches. Contacts are assumed as
+    deep as they can get within the `horizon`. `stiffness`: address of the compiled function. A contact between two bodies that
+    both move counts twice in each (|J1 x1 - J2 x2|^2 <= 2 |J1 x1|^2 + 2 |J2 x2|^2)."""
     own, partner, S, near, row_of = context.own, context.partner, context.S, scratch.near, tables.row_of
     m, box = np.int64(0), box_of(context.D)
     for k in range(first, min(last, context.n_plates)):
@@ -242,10 +238,8 @@ def smallest(minimum, column):
 @entry(_I(_I, ASSEMBLY, types.float64, _S1, TABLES), **DIRECT, **NO_COUNTS)
 def shortest_steps(many, context, time, near, tables):
     """Compute lower bounds of the longest stable steps of patches, with springs and direct contact, and of those of the first
-    `many` bodies that may have the shortest. Returns how many bodies these are, at least 1.
-
-    `time`: horizon [s]; `near`: scratch.
-    """
+    `many` bodies that may have the shortest. Returns how many bodies these are, at least 1. `time`: horizon [s]; `near`:
+    scratch."""
     P, patches, minimum, number, bodies = context.P, tables.patches, tables.minimum, tables.number, tables.bodies
     plate = P.shape[0] - 1
     for p in range(plate):

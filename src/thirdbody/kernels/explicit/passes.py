@@ -28,12 +28,10 @@ from thirdbody.kernels.vectors import free_rotation, matrix, spin, total
 
 @njit(**BARE)
 def drift_ball(b, s, context, step, extrema):
-    """Apply half kick and full drift to body b, the single sphere s; return the updated extrema of a chunk.
-
-    `extrema`: squares of the largest speed and of half the largest ratio of path to radius; sums that are not 0 if a coordinate
-    is not finite; lower and upper bounds of the positions. The last step's closing kick comes first if it is pending. The column
-    that follows each vector is preserved. A single-sphere body has no arm, and is rotated in few steps only (`kernels.bodies`).
-    """
+    """Apply half kick and full drift to body b, the single sphere s; return the updated extrema of a chunk. `extrema`: squares of
+    the largest speed and of half the largest ratio of path to radius; sums that are not 0 if a coordinate is not finite; lower
+    and upper bounds of the positions. The last step's closing kick comes first if it is pending. The column that follows each
+    vector is preserved. A single-sphere body has no arm, and is rotated in few steps only (`kernels.bodies`)."""
     S, B, dt = context.S, context.B, step.dt
     x = load(B, b, body.POSITION)
     v = load(B, b, body.VELOCITY)
@@ -100,10 +98,8 @@ def put_three(scratch, at, x, y, z):
 
 @njit(**BARE)
 def half_kick(v, left, change, minimum):
-    """Apply the pending closing kick of the last step (`left` 1, else 0) and the first of this step, of equal change.
-
-    In between, what is at most `minimum` becomes 0; NaN is passed on.
-    """
+    """Apply the pending closing kick of the last step (`left` 1, else 0) and the first of this step, of equal change. In between,
+    what is at most `minimum` becomes 0; NaN is passed on."""
     x, y, z = v[0] + left * change[0], v[1] + left * change[1], v[2] + left * change[2]
     x, y, z = 0.0 if abs(x) <= minimum else x, 0.0 if abs(y) <= minimum else y, 0.0 if abs(z) <= minimum else z
     return x + change[0], y + change[1], z + change[2]
@@ -111,10 +107,8 @@ def half_kick(v, left, change, minimum):
 
 @njit(**BARE_CHUNK)
 def drift_tile(n, dt, left, scratch):
-    """Apply half kick and full drift to n bodies, after the last step's closing kick if pending (`left` 1).
-
-    Also writes the longest path of a point of each body. It has no inner loop: the compiler vectorises innermost loops only.
-    """
+    """Apply half kick and full drift to n bodies, after the last step's closing kick if pending (`left` 1). Also writes the
+    longest path of a point of each body. It has no inner loop: the compiler vectorises innermost loops only."""
     half = 0.5 * dt
     for p in range(n):
         kick = half / scratch[p + body.MASS * BODIES]
@@ -277,11 +271,9 @@ def body_effect_forces(c, first, last, context, step, effects):
 
 @njit(**BARE_CHUNK)
 def gather_forces(c, context, step, effects):
-    """Sum the forces on the bodies of chunk c, and make their closing half kick if velocities are needed now.
-
-    Remote forces are added in their order, and their rows of F are cleared for the next contacts. Kick and spins are computed
-    only in recorded steps or with body effects: otherwise the drift of the next step includes the kick, with the forces at hand.
-    """
+    """Sum the forces on the bodies of chunk c, and make their closing half kick if velocities are needed now. Remote forces are
+    added in their order, and their rows of F are cleared for the next contacts. Kick and spins are computed only in recorded
+    steps or with body effects: otherwise the drift of the next step includes the kick, with the forces at hand."""
     B, E, F, forces, cuts, remote_body = context.B, context.E, context.F, context.forces, context.cuts, context.remote_body
     first, last, shift = c * BODIES, min((c + 1) * BODIES, B.shape[0]), np.int64(context.force_rows[c // GROUP])
     begin, end, has_effects, none = cuts[REMOTE, c], cuts[REMOTE, c + 1], context.has_effects != 0, broadcast(0.0)

@@ -144,10 +144,8 @@ def update_ledger(context, step):
 @njit(**BARE_CHUNK)
 def book_step(A, begin, end, powers, context, step):
     """Add the step of groups begin to end to their ledger, the row A; in a recorded step also the elastic energy of the contacts.
-
     Contacts supply energies; other powers are integrated by the trapezoidal rule. `powers`: of what moves the patches, and of
-    their dashpots [W].
-    """
+    their dashpots [W]."""
     sums, moves, (lifted, patch_damping) = context.sums, context.moves, powers
     work, damped, effects, upper, lower = 0.0, 0.0, 0.0, broadcast(0.0), broadcast(0.0)
     for c in range(2 * begin, 2 * end):
@@ -271,12 +269,9 @@ def help_out(member, threads, packed):
 
 @entry(ADVANCE, nogil=True, **DIRECT, **NO_COUNTS)
 def advance(budget, until, distance, dt, threads, packed):
-    """Advance until time `until` or `distance` is reached, a search is due, `budget` steps are done, or a guard trips.
-
-    `packed`: the packed `Context` of the step. Returns the code, and the candidate or body that a guard names, or whether a
-    search is due; RECORD before a step that reaches its target, if there is no table for its records. State is synchronised on
-    return.
-    """
+    """Advance until time `until` or `distance` is reached, a search is due, `budget` steps are done, or a guard trips. `packed`:
+    the packed `Context` of the step. Returns the code, and the candidate or body that a guard names, or whether a search is due;
+    RECORD before a step that reaches its target, if there is no table for its records. State is synchronised on return."""
     context = context_of(packed)
     A, schedule, first, work = context.A, context.schedule, context.first, work_at(context.work)
     groups = context.lowest.shape[0]

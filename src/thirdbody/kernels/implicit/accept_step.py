@@ -90,11 +90,10 @@ def body_works(context, b, dt, space):
 @njit(**BARE)
 def curved_drag(context, b, motion, sums):
     """Return the work [J] that the curve of the plate's force over the drag adds to that of its mean in a step; keep its change.
-
     On rough plates the force of a rolling body turns with the slope below it within few steps, and the work of the mean of both
     ends is off by tenths of a per cent. The parabola through the last three forces has the integral (Adams and Moulton, third
-    order) of the mean minus ratio/(6 (1 + ratio)) times the change of the force beyond `ratio` times the last one (`step_ratio`).
-    """
+    order) of the mean minus ratio/(6 (1 + ratio)) times the change of the force beyond `ratio` times the last one
+    (`step_ratio`)."""
     A, T, work, ratio = context.totals[b], context.memory[b], 0.0, step_ratio(context.memory[b], context.settings, motion.dt)
     for k in range(2):
         change = -sums[0, contact_sums.UPPER_FORCE + k] - A[run_totals.UPPER_FORCE + k]
@@ -165,11 +164,9 @@ def update_ledger(context, b, motion, works, common, space):
 
 @njit(**BARE)
 def remember_step(context, b, dt, space):
-    """Store the data of an accepted step that the next one needs.
-
-    Where forces jump (`weight_of_old`) the change of velocity is that of an impulse: the next step starts anew, too, or BDF2
-    would create a fifth of the energy of a ball that a plate sets rolling (`meets_again` with `coulomb`).
-    """
+    """Store the data of an accepted step that the next one needs. Where forces jump (`weight_of_old`) the change of velocity is
+    that of an impulse: the next step starts anew, too, or BDF2 would create a fifth of the energy of a ball that a plate sets
+    rolling (`meets_again` with `coulomb`)."""
     Z, T, B, velocity = space.start, context.memory[b], context.B, context.P[context.patch[b], patch.VELOCITY]
     for k in range(FREEDOMS):
         T[step_memory.LAST_COORDINATES + k] = space.y[k]

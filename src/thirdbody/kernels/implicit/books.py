@@ -70,11 +70,8 @@ def loss_of_end(q, before, dt, context, tile):
 @njit(**BARE)
 def weight_of_old(context, b, m, dt, space):
     """Return the weight of the force at the start of a step in its work, of plate, friction and dashpots: 0.5, or 0 where forces
-    jump.
-
-    Forces jump with the velocity at a breakpoint of the motion if the dashpots of the m contacts dissipate more than CALM of the
-    work of the tangential forces.
-    """
+    jump. Forces jump with the velocity at a breakpoint of the motion if the dashpots of the m contacts dissipate more than CALM
+    of the work of the tangential forces."""
     if context.memory[b, step_memory.LAST_DT] > 0.0:
         return 0.5
     I, O, work_done, damped = space.inputs, space.outputs, 0.0, 0.0  # noqa: E741
@@ -134,11 +131,9 @@ def contact_energy(q, tile):
 
 @njit(**BARE)
 def contact_difference(q, before, context, tile):
-    """Return the estimated error [J] of the friction work of contact q; `before`: its overlap plus reach at the start [m].
-
-    It is the difference between the works of the mean force and of that at the end, plus the effect of a changing contact radius
-    (`GROWN`).
-    """
+    """Return the estimated error [J] of the friction work of contact q; `before`: its overlap plus reach at the start [m]. It is
+    the difference between the works of the mean force and of that at the end, plus the effect of a changing contact radius
+    (`GROWN`)."""
     I, O = tile.inputs, tile.outputs  # noqa: E741
     old, new = (law_input.HISTORY + context.force) * TILE + q, (law_output.HISTORY + context.force) * TILE + q
     s_x, s_y = I[q + law_input.SLIP_X * TILE], I[q + law_input.SLIP_Y * TILE]
@@ -203,10 +198,8 @@ def dashpots_act(smooth, context):
 
 @njit(**BARE)
 def loss_of_mean(q, before, context, tile):
-    """Return the energy [J] that the dashpots of contact q dissipate by the mean of their forces; at least 0.
-
-    `before`: overlap plus reach at the start of the step [m]; a contact that closes moves with its dashpots by its overlap.
-    """
+    """Return the energy [J] that the dashpots of contact q dissipate by the mean of their forces; at least 0. `before`: overlap
+    plus reach at the start of the step [m]; a contact that closes moves with its dashpots by its overlap."""
     I, O = tile.inputs, tile.outputs  # noqa: E741
     n, x, y = unpack_triple(I[(law_input.HISTORY + context.dashpots) * TILE + q])
     new, turn = (law_output.HISTORY + context.n_history) * TILE + q, (law_input.HISTORY + context.n_history) * TILE + q
@@ -265,11 +258,9 @@ def write_contacts(n, motion, context, tile):
 
 @entry(END, **POINTED, **NO_COUNTS)
 def end_contact(k, before, dragged, smooth, context):
-    """End candidate k, which opens within the step; return what its friction and its dashpots dissipate in it [J].
-
-    `before`: overlap plus reach at the start of the step [m]; `dragged`: work of its tangential spring [J]. Without normal force
-    there the dashpots dissipate all that was stored: nothing accelerates the body, and one step can lead to the open contact.
-    """
+    """End candidate k, which opens within the step; return what its friction and its dashpots dissipate in it [J]. `before`:
+    overlap plus reach at the start of the step [m]; `dragged`: work of its tangential spring [J]. Without normal force there the
+    dashpots dissipate all that was stored: nothing accelerates the body, and one step can lead to the open contact."""
     damped = 0.0
     if context.R[k, record.NORMAL_FORCE] == 0.0:
         damped = context.R[k, record.STORED_NORMAL]

@@ -161,11 +161,8 @@ class Contact(NamedTuple):
 
 @njit(**BARE)
 def contact_of(q, before, dt, sides, shape, context, tile):
-    """Return contact q of a tile as a `Contact`.
-
-    `before`: overlap plus reach at the start of the step [m], negative: a gap; `sides`: owner and partner; `shape`: bend,
-    gradient and its change.
-    """
+    """Return contact q of a tile as a `Contact`. `before`: overlap plus reach at the start of the step [m], negative: a gap;
+    `sides`: owner and partner; `shape`: bend, gradient and its change."""
     I, K, frame = tile.inputs, tile.tangents, frame_of(q, tile.geometry)  # noqa: E741
     fraction = closed_fraction(q, before, context, I)
     s_1, s_2, moments = I[law_input.SLIP_X * TILE + q], I[law_input.SLIP_Y * TILE + q], has_moments(context)

@@ -43,10 +43,8 @@ def give_springs(m, context, tile):
 
 @njit(**BARE)
 def assemble_body(a, m, coupled, motion, context, island, scratch):
-    """Write the Jacobian (49,) [N/m] of the residual of the body at position a, for its m contacts with plates.
-
-    A patch of prescribed height has no equation, unless `coupled`: then derivatives with respect to its height are included.
-    """
+    """Write the Jacobian (49,) [N/m] of the residual of the body at position a, for its m contacts with plates. A patch of
+    prescribed height has no equation, unless `coupled`: then derivatives with respect to its height are included."""
     b, space, dt, poses = body_at(a, island), space_at(a, scratch), motion.dt, context.orientations
     p, Z, P, J = context.patch[b], space.start, context.P, space.jacobian
     give_springs(m, context, space)
@@ -86,10 +84,8 @@ def assemble_body(a, m, coupled, motion, context, island, scratch):
 
 @njit(**BARE)
 def assemble(m, coupled, motion, context, island, scratch):
-    """Write the Jacobian of the island, with m contacts between its bodies, to `band`; of one body alone only its own.
-
-    `coupled`: see `assemble_body`; then also that of one body is a band.
-    """
+    """Write the Jacobian of the island, with m contacts between its bodies, to `band`; of one body alone only its own. `coupled`:
+    see `assemble_body`; then also that of one body is a band."""
     n, w, J = island.n, island.half_width, scratch.band
     for a in range(n):
         assemble_body(a, scratch.counts[a], coupled, motion, context, island, scratch)
@@ -137,10 +133,8 @@ def factorise(A, pivots, n, w, step, offset):
 
 @njit(**BARE)
 def substitute(A, pivots, r, n, w, step, offset):
-    """Overwrite r with the solution x of A x = -r, where A and `pivots` are from `factorise`.
-
-    Column by column, so that the sums of all rows advance side by side.
-    """
+    """Overwrite r with the solution x of A x = -r, where A and `pivots` are from `factorise`. Column by column, so that the sums
+    of all rows advance side by side."""
     for c in range(n):
         p = pivots[c]
         r[c], r[p] = r[p], r[c]
@@ -266,10 +260,8 @@ def add_curved(contact, J, step, offset):
 
 @njit(**BARE)
 def add_side(side, sign, responses, contact, J, step, offset):
-    """Add the responses to the coordinates of the body of a side; `sign`: 1 owner, -1 partner.
-
-    A displacement of a body moves surface and centre alike, a rotation w by w x r and w x a; it turns the frame, and the arm.
-    """
+    """Add the responses to the coordinates of the body of a side; `sign`: 1 owner, -1 partner. A displacement of a body moves
+    surface and centre alike, a rotation w by w x r and w x a; it turns the frame, and the arm."""
     (n, e, g), (xx, xy, yx, yy, _, _) = contact.frame, contact.rolling_tangent
     of_owner, of_partner = max(sign, 0.0), max(-sign, 0.0)
     pull = scaled_sum(1.0, contact.force, -0.5 * contact.energy, contact.gradient, 0.0, n)

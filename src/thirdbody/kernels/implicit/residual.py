@@ -140,10 +140,8 @@ def active_contacts(a, motion, context, island, scratch):
 
 @njit(**BARE)
 def complete_contact(q, k, before, weight, motion, context, tile):
-    """Gather the rotation of contact q, candidate k; scale slip, rotation and travel where it closes within the step.
-
-    `before`: `depth_at` its start [m]; `weight` of the change in this step in the rate of change at its end (`step_start.NOW`).
-    """
+    """Gather the rotation of contact q, candidate k; scale slip, rotation and travel where it closes within the step. `before`:
+    `depth_at` its start [m]; `weight` of the change in this step in the rate of change at its end (`step_start.NOW`)."""
     I, at = tile.inputs, (law_input.HISTORY + context.n_history) * TILE + q  # noqa: E741
     if context.rolling > 0:
         gather_rolling(q, k, context, motion, tile)
@@ -230,20 +228,16 @@ def add_force(f, point, upper, r):
 @njit(**BARE)
 def gradient_force(k, energy, context):
     """Return the force (3,) [N] of candidate k on the centre of its sphere as the effective radius changes along a rough plate.
-
-    `energy`: of its normal spring [J]. See `contact_geometry.add_gradient_force`.
-    """
+    `energy`: of its normal spring [J]. See `contact_geometry.add_gradient_force`."""
     x, y, z = plates.three(context.Q, k, surface_contact.GRADIENT)
     return -0.5 * energy * x, -0.5 * energy * y, -0.5 * energy * z
 
 
 @njit(**BARE)
 def add_inertial_forces(context, b, dt, space):
-    """Subtract inertial forces from the residual; add load, dashpot, spring and inertia of the patch.
-
-    Without inertia every step begins at rest. A weak spring to the start position (TETHER) then makes the position of a body that
-    slides on all its contacts unique, and a fraction of the mass (MASS_FRACTION) limits jumps within a step.
-    """
+    """Subtract inertial forces from the residual; add load, dashpot, spring and inertia of the patch. Without inertia every step
+    begins at rest. A weak spring to the start position (TETHER) then makes the position of a body that slides on all its contacts
+    unique, and a fraction of the mass (MASS_FRACTION) limits jumps within a step."""
     p, Z, T, B, P, y, r = context.patch[b], space.start, context.memory[b], context.B, context.P, space.trial, space.residual
     inertial, l_1 = context.settings[step_settings.INERTIAL], momentum_of(b, context)
     now, last = Z[step_start.NOW] / dt, inertial * Z[step_start.BEFORE] / dt

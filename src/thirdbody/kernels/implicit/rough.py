@@ -42,11 +42,9 @@ def gradient_above(field, p_x, p_y, distance, radius):
 
 @njit(**BARE_CHUNK)
 def write_gradient_change(k, field, x, radius, upper, Q):
-    """Write the derivative of the gradient of ln R_eff with the place of the sphere into row k; x (3,): its centre.
-
-    Differences along the two axes of the surface and along the normal, of the point below the sphere: no closest point is
-    searched for. With displacements c_i and changes g_i it is the sum of g_i w_i, of the vectors w_i dual to c_i.
-    """
+    """Write the derivative of the gradient of ln R_eff with the place of the sphere into row k; x (3,): its centre. Differences
+    along the two axes of the surface and along the normal, of the point below the sphere: no closest point is searched for. With
+    displacements c_i and changes g_i it is the sum of g_i w_i, of the vectors w_i dual to c_i."""
     p_x = within_period(x[0], field[height_field.LENGTH_X]) + Q[k, surface_contact.OFFSET]
     p_y = within_period(x[1], field[height_field.LENGTH_Y]) + Q[k, surface_contact.OFFSET + 1]
     h, distance = STEP / max(field[height_field.RATE_X], field[height_field.RATE_Y]), Q[k, surface_contact.DISTANCE]

@@ -1,0 +1,8 @@
+"""Version of the installed package."""
+
+from importlib.metadata import PackageNotFoundError, version
+
+try:
+    __version__ = version("thirdbody")
+except PackageNotFoundError:  # a source tree that is not installed
+    __version__ = "0+unknown"
