@@ -21,7 +21,7 @@ from typing import Any
 
 from thirdbody.atomic_files import write_whole
 from thirdbody.errors import Fault, InputError, Interrupted, OutputError, ThirdbodyError
-from thirdbody.export.csv_tables import as_text
+from thirdbody.export.tables import as_text
 from thirdbody.runner.run_folder import FILES, NAMED, PARTS, REPLACEMENT, lock_folder
 from thirdbody.studies.plan import Plan
 from thirdbody.studies.point import RESULT_FILE, WAITING, PointResult
