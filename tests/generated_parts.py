@@ -120,7 +120,7 @@ def _first_sentence(docstring):
 
 def sweep_keys() -> str:
     from thirdbody.scene.keys import table_keys
-    from thirdbody.studies.sweep.sweep_file import SweepFile
+    from thirdbody.studies.sweep_file import SweepFile
 
     rows = []
     for key in table_keys(SweepFile.model_json_schema()):
@@ -131,7 +131,7 @@ def sweep_keys() -> str:
 
 
 def sweep_results() -> str:
-    from thirdbody.studies.sweep.results import DEFAULT, RESULTS, result
+    from thirdbody.studies.results import DEFAULT, RESULTS, result
 
     states = {f"{name}STATE": result(f"{name}STATE") for name in ("fraction_", "fraction_ever_")}
     rows = []

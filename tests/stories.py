@@ -10,7 +10,7 @@ import thirdbody
 from thirdbody.bodies.packing import projected_area
 from thirdbody.kernels.tables import DEBRIS, run_totals
 from thirdbody.runner.simulate import prepare
-from thirdbody.studies.nudge import nudge as displace
+from thirdbody.studies.timing import nudge as displace
 
 SCENE = Path(__file__).parent.parent / "scenes" / "sheared_debris.toml"
 

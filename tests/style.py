@@ -157,8 +157,7 @@ FLOOR = {name: number for number, names in enumerate(FLOORS) for name in names.s
 
 CIRCLES = [
     set(names.split()) for names in (
-        "laws.compose laws.contract laws.measures", "studies.sweep.averages studies.sweep.plot studies.sweep.reader",
-        "report.map_report report.tables",
+        "laws.compose laws.contract laws.measures", "report.map_report report.tables",
     )
 ]  # fmt: skip
 """Files that still import each other; a new circle is refused."""
@@ -233,7 +232,7 @@ def upward_imports(path: Path, tree: ast.Module) -> Iterator[str]:
     for name, line in imports(tree):
         if name.partition(".")[0] in plugged:
             yield f"{line}: the source never imports a plug-in"
-        if (other := imported(name)) and own != "trajectory.reader":
+        if other := imported(name):
             here, there = floor_of(own), floor_of(other)
             if here != there and FLOOR.get(there, 99) >= FLOOR.get(here, 0):
                 yield f"{line}: {own} must not import {other}"
@@ -249,7 +248,6 @@ def upward_imports(path: Path, tree: ast.Module) -> Iterator[str]:
 def circles() -> Iterator[str]:
     """Yield each group of files that import each other, lazily or for type checkers too."""
     edges = {module_of(path): {imported(name) for name, _ in imports(parsed(path))} - {"", module_of(path)} for path in OURS}
-    edges["trajectory.reader"] = set()  # the former name of `api` and `trajectory.run_file`, as long as files use it
     below: dict[str, set[str]] = {}
     for start in edges:
         reached, left = set[str](), [start]

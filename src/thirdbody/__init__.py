@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from thirdbody.api import open_run as open
     from thirdbody.report.scene_check import check
     from thirdbody.scene.model import Scene
-    from thirdbody.studies.sweep.reader import Sweep
-    from thirdbody.studies.sweep.sweep import sweep
+    from thirdbody.sweeps import Sweep, sweep
 
 __all__ = ["Run", "Scene", "Sweep", "check", "errors", "open", "resume", "run", "sweep"]
 
@@ -31,8 +30,8 @@ _MODULES = {
     "check": ("report.scene_check", "check"),
     "resume": ("api", "resume"),
     "run": ("api", "run"),
-    "Sweep": ("studies.sweep.reader", "Sweep"),
-    "sweep": ("studies.sweep.sweep", "sweep"),
+    "Sweep": ("sweeps", "Sweep"),
+    "sweep": ("sweeps", "sweep"),
 }
 
 FUNCTION_GROUP = "thirdbody.functions"

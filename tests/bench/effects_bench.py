@@ -16,7 +16,7 @@ from stories import Story, dragged
 from thirdbody_three_spot import PLUGIN
 
 import thirdbody
-from thirdbody.studies.nudge import NUDGE
+from thirdbody.studies.timing import NUDGE
 
 SCENE = Path(__file__).parents[2] / "scenes" / "yielding_debris.toml"
 Settings = Mapping[str, Any]

@@ -5,7 +5,7 @@ from typing import Any
 from rich.console import Console
 
 from thirdbody.jit import cache
-from thirdbody.studies import machine_info as studies
+from thirdbody.studies import timing as studies
 
 
 def machine() -> dict[str, Any]:

@@ -21,8 +21,9 @@ from thirdbody.errors import ThirdbodyWarning
 from thirdbody.laws.registry import load_file
 from thirdbody.runner.run_loop import WallTimes
 from thirdbody.scene.model import Scene
-from thirdbody.studies.cost_command import StudyOptions, StudySource
-from thirdbody.studies.sweep.command import Execution, SweepArguments
+from thirdbody.studies.copies import StudySource
+from thirdbody.studies.cost_command import StudyOptions
+from thirdbody.studies.sweep import Execution, SweepArguments
 
 COMMANDS = (
     "balance", "check", "cost", "export", "laws", "map", "new", "plot", "render", "resume", "run", "shapes", "states",
@@ -86,7 +87,7 @@ cost s.toml --set a=1 --plugin p.py --repeats 5 --budget 2_min --effects --only 
 sweep scene.toml -o out --plugin p.py --vary a=1 --set b=3 --design zip --samples 8 --result load --keep summary -q --json\
  --dry-run --retry failed --workers 2"""
     for place in ("runner.simulate.execute", "report.tables.run_report", "render.render.render",
-                  "studies.cost_command.cost_command", "studies.sweep.command.sweep_command"):  # fmt: skip
+                  "studies.cost_command.cost_command", "studies.sweep.sweep_command"):  # fmt: skip
         monkeypatch.setattr(f"thirdbody.{place}", lambda *words, **keys: told.append((*words, keys)))
     for line in lines.splitlines():
         assert command(*(word.replace("_", " ") for word in line.split())).code == 0, line

@@ -20,7 +20,7 @@ from thirdbody.laws.registry import discover
 from thirdbody.report.reference import all_keys, all_names
 from thirdbody.scene.model import Scene
 from thirdbody.schema.parts import Part, key_docs
-from thirdbody.studies.sweep.axes import IntervalTable
+from thirdbody.studies.axes import IntervalTable
 
 TABLES = {
     "materials", "pairs", "debris", "domain", "plates", "contact", "effects", "measures", "solver", "output", "lower", "upper",

@@ -22,7 +22,7 @@ from thirdbody.errors import InputError
 from thirdbody.laws.registry import discover
 from thirdbody.scene.keys import TEMPLATE
 from thirdbody.scene.model import Scene
-from thirdbody.studies.sweep.sweep import plan_of_path
+from thirdbody.studies.sweep import plan_of_path
 
 PAGES = [Page(path) for path in pages()]
 README = PAGES[0]

@@ -21,7 +21,8 @@ from thirdbody.engine import units
 from thirdbody.render import elsewhere
 from thirdbody.runner.checkpoint import FILE as CHECKPOINT
 from thirdbody.runner.stops import planned_frames, targets
-from thirdbody.studies.worker_process import Worker
+from thirdbody.studies.point import Point, run_point
+from thirdbody.studies.workers import LocalWorkers
 from thirdbody.system import processes
 from thirdbody.trajectory.writer import Frame, TrajectoryWriter
 
@@ -241,9 +242,9 @@ def test_processes_that_compile_first_work_for_a_study_or_draw_execute_none(plan
     assert units._helper((), queue).wait() == 0
     os.close(queue)
     assert executed(planted) == []
-    with Worker() as worker:
-        answer = worker.request({"do": "run", "scene": "none.toml", "folder": "x", "changes": {}, "plugins": [], "limit": 1.0})
-    assert "none.toml: no such file" in answer["message"] and executed(planted) == []
+    with LocalWorkers(1) as workers:
+        answer = workers.submit(run_point, Point(0, planted / "point", "none", planted, ())).result()
+    assert "scene.toml" in answer.reason and executed(planted) == []
     errors = elsewhere._start("thirdbody.render.render", {"run": "none", "file": "x.png"}, None)[1]
     assert executed(planted) == []
     assert "KeyError" in errors or "no such run" in errors, errors  # it came as far as to read its job

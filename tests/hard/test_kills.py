@@ -22,7 +22,7 @@ import thirdbody
 from thirdbody.errors import InputError
 from thirdbody.runner.checkpoint import FILE, read_checkpoint
 from thirdbody.runner.simulate import execute, prepare
-from thirdbody.studies.sweep.results import TIMES
+from thirdbody.studies.results import TIMES
 
 PROGRAM = Path(__file__).with_name("killed_run.py")
 SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"

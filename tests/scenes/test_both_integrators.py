@@ -15,7 +15,7 @@ import pytest
 from stories import SCENE, agreement, dragged, layer
 
 import thirdbody
-from thirdbody.studies.nudge import NUDGE
+from thirdbody.studies.timing import NUDGE
 
 pytestmark = pytest.mark.full(kind="slow")
 YIELDING = Path(__file__).parents[2] / "scenes" / "yielding_debris.toml"

@@ -12,16 +12,14 @@ from balls import BALLS
 
 import thirdbody
 from thirdbody.errors import InputError, Interrupted, OutputError, UsageError
-from thirdbody.studies.sweep import plan as plans
-from thirdbody.studies.sweep import point as point_files
-from thirdbody.studies.sweep.code_version import point_name
-from thirdbody.studies.sweep.execution import Execution, execute_sweep
-from thirdbody.studies.sweep.local_workers import LocalWorkers
-from thirdbody.studies.sweep.plan import make_plan
-from thirdbody.studies.sweep.point import RESULT_FILE
-from thirdbody.studies.sweep.results import TIMES, results_of
-from thirdbody.studies.sweep.run_point import run_point
-from thirdbody.studies.sweep.sweep_file import sweep_of_python
+from thirdbody.studies import plan as plans
+from thirdbody.studies import point as point_files
+from thirdbody.studies.plan import make_plan
+from thirdbody.studies.point import RESULT_FILE, point_name, run_point
+from thirdbody.studies.results import TIMES, results_of
+from thirdbody.studies.runner import Execution, execute_sweep
+from thirdbody.studies.sweep_file import sweep_of_python
+from thirdbody.studies.workers import LocalWorkers
 
 MU, COUNT = "pairs.0.friction", "debris.0.count"
 VARY = {MU: [0.1, 0.2], COUNT: [3, 400]}
@@ -147,7 +145,7 @@ def test_two_workers_of_which_one_dies_give_the_same_table(whole, tmp_path):
 
     def kill() -> None:
         while not ended.wait(0.02):
-            running = [worker._process for worker in list(workers._workers) if worker._process is not None]
+            running = [worker.process for worker in list(workers._workers) if worker.process is not None]
             if running and any((folder / "points").glob("*/run.vtkhdf")):
                 running[0].send_signal(signal.SIGKILL)
                 return
@@ -165,7 +163,7 @@ def test_two_workers_of_which_one_dies_give_the_same_table(whole, tmp_path):
 
 DEADLY = """\
 import os, sys
-if os.path.join("sweep", "worker") in sys.argv[0]:
+if os.path.join("studies", "workers") in sys.argv[0]:
     print("no more memory", file=sys.stderr, flush=True)
     os._exit(7)
 DEBRIS_KINDS = ()

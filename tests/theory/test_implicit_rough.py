@@ -20,7 +20,7 @@ from thirdbody.kernels.tables import patch as plate
 from thirdbody.kernels.tables import run_totals
 from thirdbody.runner.simulate import prepare, set_threads
 from thirdbody.scene.model import ConstantVelocity, Motion
-from thirdbody.studies.nudge import NUDGE
+from thirdbody.studies.timing import NUDGE
 
 SIZE = 160e-6, 120e-6
 SURFACES = {

@@ -10,11 +10,10 @@ from steel import scene_text
 from thirdbody_three_spot import THREE_SPOT
 
 from thirdbody.scene.model import Scene
-from thirdbody.studies import cost, cost_table
+from thirdbody.studies import cost, cost_report
 from thirdbody.studies.compare import Outcome, errors, label_difference, order, rms_error
-from thirdbody.studies.convergence import reference_error
-from thirdbody.studies.time_budget import Costs
-from thirdbody.studies.variants import CURVES, Base, Variant, variants_of
+from thirdbody.studies.cost_report import reference_error
+from thirdbody.studies.variants import CURVES, Base, Costs, Variant, variants_of
 
 DRAG = 'support = "load_per_particle"\nload = "0.1 mN"\nmotion = {x = {velocity = "0.5 m/s"}}\n'
 DEBRIS = '[[debris]]\nmaterial = "steel"\nkind = "spheres"\nradius = "5 um"\ncount = 2'
@@ -105,13 +104,13 @@ def test_a_bed_has_variants_at_other_speeds(wanted):
         assert other.solver.distance == scene.solver.distance and other.output == scene.output
         assert other.solver.inertial_number == (None if wanted is None else pytest.approx(wanted * variant.speed, rel=1e-12))
         assert variant.changes["solver.time_step"] == "1e-10 s" and not variant.reference and not variant.default
-    costs = Costs(6.0, 0, None, ("exact", None), 9.0, 6.0)
-    assert [costs.of(speeds[name], EXPLICIT) for name in names[1:]] == pytest.approx([6.0, 18.0])
+    costs = Costs(EXPLICIT, 6.0, ("exact", None), 6.0, {})
+    assert [costs.of(speeds[name]) for name in names[1:]] == pytest.approx([6.0, 18.0])
 
 
 def test_the_speed_of_a_scene_has_an_error_of_its_own(made, capsys):
     """Against the same law at a third of the speed; that variant is never recommended, a faster one may be."""
-    assert math.isnan(cost.speed_error(made)[1]) and "speed:" not in " ".join(cost_table.speed_words(made))
+    assert math.isnan(cost.speed_error(made)[1]) and "speed:" not in " ".join(cost_report.speed_words(made))
     faster = Variant("mindlin, speed x3", "speed", "mindlin", None, "explicit", speed=3.0)
     slow = replace(faster, name="mindlin, speed /3", speed=1.0 / 3.0)
     made.rows[6:6] = [row("", 0.7, 0.009, variant=faster), row("", 0.1, 0.001, variant=slow)]
@@ -120,9 +119,9 @@ def test_the_speed_of_a_scene_has_an_error_of_its_own(made, capsys):
     assert speed == 1.0 / 3.0 and error == pytest.approx(0.04, rel=1e-9)
     assert cost.recommended(made)[0].variant.name == "mindlin, speed x3"
     assert all(entry.variant.speed >= 1.0 for entry in cost.efficient(made))
-    report = cost.as_json(made)
+    report = cost_report.as_json(made)
     assert report["speed_error"] == error and {entry["speed"] for entry in report["variants"]} == {1.0, 3.0, 1.0 / 3.0}
-    cost_table.print_study(made)
+    cost_report.print_study(made)
     assert "speed: that of the scene costs 4 % in friction, against the same law and step at 1/3 of it" in capsys.readouterr().out
 
 
@@ -216,7 +215,7 @@ def test_the_scatter_is_the_largest_difference_of_the_scenes_own_runs(made):
 def test_the_table_marks_the_front_its_end_and_what_stopped(made, capsys):
     parted(made, 0.18)
     made.rows[0].stable, made.rows[0].message = False, "stopped at t = 1 s: the step is too long"
-    cost_table.print_study(made)
+    cost_report.print_study(made)
     lines = capsys.readouterr().out.splitlines()
     assert any(line.startswith("*r  exact, step /4") for line in lines)
     assert next(line for line in lines if "coulomb " in line).split()[-1] == "stopped"  # no errors of a part of a run

@@ -3,6 +3,7 @@
 import json
 import math
 import time
+from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,23 +11,21 @@ import numpy as np
 import pytest
 from portable import drawn
 
+import thirdbody
 from thirdbody.engine.state import orientations
-from thirdbody.errors import OutputError, UsageError
+from thirdbody.errors import InputError, OutputError, UsageError
 from thirdbody.kernels.tables import body
 from thirdbody.runner.simulate import prepare
 from thirdbody.scene.model import Scene
-from thirdbody.studies import cost, cost_plot, worker
+from thirdbody.studies import cost, cost_plot, cost_runs
 from thirdbody.studies.compare import read_outcome
-from thirdbody.studies.convergence import convergence, falling
-from thirdbody.studies.cost_command import StudyOptions, cost_command
-from thirdbody.studies.nudge import NUDGE, nudge
-from thirdbody.studies.reduced_scene import FEWEST, FEWEST_THAT_MEET, reduce_scene, thin
-from thirdbody.studies.stopwatch import Late, bare
-from thirdbody.studies.study_setup import StudySource
-from thirdbody.studies.time_budget import Budget, Costs, Overheads, fitting, repeats_of, whole
-from thirdbody.studies.timing_statistics import slower, timing
-from thirdbody.studies.variant_runs import LEFT_OUT, VariantRuns
-from thirdbody.studies.worker_process import Overdue, Worker, request
+from thirdbody.studies.copies import FEWEST, FEWEST_THAT_MEET, Copy, StudySource, make_copy, reduce_scene, reductions, thin
+from thirdbody.studies.cost_command import StudyOptions, cost_command, study
+from thirdbody.studies.cost_report import LEFT_OUT, as_json, convergence, falling
+from thirdbody.studies.cost_runs import Overdue, VariantRuns, rate_point, repeats_of, time_point
+from thirdbody.studies.point import DONE, INTERRUPTED, Point, PointResult, run_point
+from thirdbody.studies.timing import NUDGE, Late, bare, nudge, slower, timing
+from thirdbody.studies.variants import Costs
 
 from .test_cost import EXPLICIT, IMPLICIT, SCENE, TWO, ladder, made, outcome  # noqa: F401
 
@@ -37,31 +36,38 @@ def file(tmp_path) -> Path:
     return tmp_path / "scene.toml"
 
 
-def test_cheap_variants_are_repeated_more_often_and_a_copy_is_as_large_as_the_budget_allows():
-    assert [repeats_of(seconds, 3) for seconds in (0.01, 1.0, 60.0)] == [7, 3, 2]
-    assert (repeats_of(1.0, 1), repeats_of(1.0, 0), repeats_of(0.01, 12)) == (1, 0, 12)
-    variants, costs = ladder(), Costs(1.0, 128, 17.0, ("exact", None), 15.0, 0.1)
-    report = {variant.name: costs.of(variant, EXPLICIT) for variant in variants}
-    assert report["mdr 64"] == pytest.approx(9.0) and report["mindlin"] == 1.0  # linear in the springs
+def test_the_cost_of_a_variant_is_measured_for_its_law_or_estimated():
+    assert [repeats_of(seconds, 3) for seconds in (0.01, 1.0, 60.0)] == [5, 3, 2] and repeats_of(0.01, 12) == 12
+    costs = Costs(EXPLICIT, 1.0, ("exact", None), 0.1, {})
+    report = {variant.name: costs.of(variant) for variant in ladder()}
+    assert report["mdr 64"] == 9.0 and report["mindlin"] == 1.0  # linear in the springs
     assert report["mindlin, step x4"] == 0.25 and report["exact, step /4"] == 60.0 and report["mindlin, implicit"] == 0.1
-    share = fitting(variants, EXPLICIT, costs, 3, 300.0)
-    assert share < 1.0 and whole(variants, EXPLICIT, costs, 3, share) < 300.0
-    assert fitting(variants, EXPLICIT, costs, 3, 600.0) > 1.5 * share
-    assert fitting(variants, EXPLICIT, costs, 3, 0.0) == pytest.approx(0.01, rel=0.03)  # and not for ever
+    for variant in ladder():
+        if variant.name in ("exact", "mindlin, implicit", "mindlin, step x4"):
+            costs.learn(variant, 3.0)
+    report = {variant.name: costs.of(variant) for variant in ladder()}
+    assert report["exact, step /4"] == 12.0 and report["mindlin, implicit"] == 3.0 and report["mindlin, step x4"] == 0.25
 
 
 def test_a_thinned_copy_has_its_bodies_as_close_as_they_were_and_as_many_meet():
     """So what contact between bodies costs and changes is measured: by variants from displaced starts, and without it."""
     text = SCENE.replace("count = 2", "count = 200").replace('radius = "5 um"', 'radius = "5 um"\nplacement = "layer"')
     scene = Scene.parse(text.replace('"100 um", "100 um"', '"300 um", "200 um"').replace('debris_contact = "none"', ""))
-    near, words = thin(scene, 200, 0.25)
+    near = thin(scene, 200, 0.25)
     copy = scene.with_settings(near)
-    assert copy.debris[0].count == 50 and words == ["50 of 200 bodies, as close as they were"]
+    assert copy.debris[0].count == 50
     assert copy.domain.size == pytest.approx((150e-6, 100e-6), rel=1e-12)  # a quarter of the area
-    assert thin(scene, 200, 1.5) == ({}, []) and thin(scene, FEWEST, 0.1) == ({}, [])
-    copy, built, words = reduce_scene(scene, [], 1e-9)
-    assert copy.debris[0].count == FEWEST_THAT_MEET and built.state.world.debris_meets and "as close" in words[0]
+    assert thin(scene, 200, 1.5) == {} == thin(scene, FEWEST, 0.1)
+    first = prepare(scene)
+    copy, built = reduce_scene(scene, [], 1e-9, first)
+    words = reductions(scene, 200, first.settle, copy, built)
+    assert copy.debris[0].count == FEWEST_THAT_MEET and built.state.world.debris_meets
+    assert words[0] == "50 of 200 bodies, as close as they were"
     assert np.prod(copy.domain.size) / FEWEST_THAT_MEET == pytest.approx(np.prod(scene.domain.size) / 200, rel=1e-12)
+    # a plate that all carry keeps its pressure, and its mass and dashpot for each body
+    rigid = {"plates.upper.support": "rigid", "plates.upper.load": "8 mN", "plates.upper.mass": "8 ug"}
+    near = thin(scene.with_settings(rigid), 200, 0.3)
+    assert near["debris.0.count"] == 50 and (near["plates.upper.load"], near["plates.upper.mass"]) == ("2 mN", "2 ug")
     more = [variant for variant in ladder(replace(EXPLICIT, meets=True), scene) if variant.axis in ("nudged", "meeting")]
     assert [(variant.axis, variant.nudge) for variant in more] == [("nudged", 1), ("nudged", 2), ("meeting", 0)]
     assert more[2].changes == more[0].changes | {"contact.debris_contact": "none"}
@@ -80,7 +86,7 @@ def test_displaced_starts_differ_by_a_billionth_and_can_be_repeated():
 
 
 def test_the_json_and_the_picture_have_every_variant(made, tmp_path):  # noqa: F811
-    report = json.loads(json.dumps(cost.as_json(made)))
+    report = json.loads(json.dumps(as_json(made)))
     assert {"scene", "machine", "reduction", "reference", "recommended", "variants"} <= set(report)
     names = {"level", "springs", "integrator", "step", "wall_s", "time_ratio", "friction_error", "load_error", "position_error",
              "label_difference", "energy_residual", "stable"}  # fmt: skip
@@ -108,34 +114,28 @@ def test_convergence_and_the_next_reference(made):  # noqa: F811
     assert made.reference.variant.name == "exact" and made.reference.errors["friction_error"] == 0.0
 
 
-def test_the_worker_reports_what_failed_and_times_the_rest(file, tmp_path):
-    good = request(file, tmp_path / "runs" / "0", {}, [], 30.0)
-    ran, timed = worker.answer({"do": "run", **good}), worker.answer({"do": "time", **good})
-    assert ran["stable"] and timed["stable"] and ran["cpu_s"] > 0.0 and timed["cpu_s"] > 0.0
-    assert ran["integrator"] == "implicit" and ran["step_kind"] == "tolerance" and ran["used_cpu"] > ran["cpu_s"]
-    changes = {"solver.time_step": "1 s", "solver.integrator": "explicit"}
-    bad = worker.answer({"do": "run", **request(file, tmp_path / "runs" / "1", changes, [], 30.0)})
-    assert not bad["stable"] and "above the bound" in bad["message"] and "cpu_s" not in bad
-    late = worker.answer({"do": "time", **request(file, tmp_path / "runs" / "0", {}, [], -1.0)})
-    assert not late["stable"] and "given up" in late["message"]
-    stopped = worker.timed_run(TWO, tmp_path / "run", [], 0.0)
-    assert not stopped["stable"] and "given up after 0 s of one core" in stopped["message"]
+def point_of(scene, folder, **keys) -> Point:
+    return Point(0, folder, scene.to_toml(), folder, ("integration_time",), **keys)
 
 
-@pytest.mark.full(kind="slow")  # starts other processes
-def test_a_worker_that_dies_is_reported_and_one_that_is_late_is_ended():
-    with Worker() as process:
-        report = process.request({"do": "nothing that it knows"})
-        assert not report["stable"] and "the process ended with code 1: KeyError" in report["message"]
-        with pytest.raises(Overdue):
-            process.request({"do": "nothing"}, until=0.0)
+def test_a_point_has_its_time_says_what_failed_and_ends_at_its_deadline(tmp_path):
+    point = point_of(TWO, tmp_path / "0")
+    ran = run_point(point)
+    wall, cpu = time_point(point, 30.0)
+    assert ran.status == DONE and ran.seconds > ran.results["integration_time"] > 0.0 and wall > 0.0 and cpu > 0.0
+    bad = run_point(point_of(TWO.with_settings({"solver.time_step": "1 s", "solver.integrator": "explicit"}), tmp_path / "1"))
+    assert bad.status == "failed" and "above the bound" in bad.reason
+    with pytest.raises(Late):
+        time_point(point, -1.0)
+    stopped = run_point(replace(point, folder=tmp_path / "2", deadline=0.0))
+    assert stopped.status == INTERRUPTED and not (tmp_path / "2" / "point.json").exists()
 
 
 @pytest.mark.parametrize("integrator", ["explicit", "implicit"])
 def test_what_is_timed_is_the_run(integrator, tmp_path):
     """The same steps to the last bit, without what is done at the stops."""
     scene = TWO.with_settings({"solver.integrator": integrator})
-    worker.timed_run(scene, tmp_path / "run", [], 30.0)
+    run_point(point_of(scene, tmp_path / "run"))
     built = prepare(scene)
     wall, cpu = bare(built, 30.0)
     ran = read_outcome(tmp_path / "run")
@@ -145,46 +145,92 @@ def test_what_is_timed_is_the_run(integrator, tmp_path):
         bare(prepare(scene), -1.0)
 
 
-class MadeUpWorker:
-    started = 1.0
+class MadeUpBench:
+    """A clock of its own: each run takes so many seconds, and one more to start, on a machine of this pace."""
 
-    def __init__(self, monkeypatch, seconds, pace=1.0):
-        self.now, self.requests, self.seconds, self.pace, self.later = 0.0, 0, seconds, 1.0, pace
-        monkeypatch.setattr(time, "perf_counter", lambda: self.now)
-        monkeypatch.setattr("thirdbody.studies.variant_runs.read_outcome", lambda folder: outcome())
+    def __init__(self, monkeypatch, seconds, budget, pace=1.0):
+        self.now, self.end, self.seconds, self.pace, self.laws = 0.0, budget, seconds, pace, {}
+        self.runner = self.compiler = self
+        self.budget, self.target, self.wall, self.cpu = budget, seconds, 0.0, 0.0
+        monkeypatch.setattr(time, "time", lambda: self.now)
+        monkeypatch.setattr(time, "sleep", lambda seconds: None)
+        monkeypatch.setattr(cost_runs, "read_outcome", lambda folder: outcome())
+        monkeypatch.setattr(cost_runs, "run_points", self.run_points)
 
-    def request(self, request, until=math.inf):
-        self.requests += 1
-        self.pace = self.later if self.requests > 2 else 1.0
-        used = self.seconds + (1.0 if request["do"] == "run" else 0.05)
-        late = self.now + used * self.pace > until
-        self.now = min(self.now + used * self.pace, until)
-        if late:
+    def submit(self, function, *arguments):
+        future: Future = Future()
+        future.set_result(None)
+        return future
+
+    def left(self):
+        return self.end - self.now
+
+    def run_points(self, points, executor, record, stop, grace):
+        spent = (self.costs(points[0]) + 1.0) * self.pace
+        late = self.now + spent > points[0].deadline
+        self.now = min(self.now + spent, points[0].deadline)
+        status, seconds = INTERRUPTED if late else DONE, {"integration_time": self.costs(points[0])}
+        record(PointResult(points[0].number, status, "", 0, spent, seconds))
+
+    def costs(self, point):
+        return self.seconds * (15.0 if "exact" in point.scene else 1.0)
+
+    def call(self, function, point, limit):
+        if function is rate_point:
+            return self.costs(point)
+        self.now += self.costs(point) * self.pace
+        if self.left() < 0.0:
             raise Overdue
-        return {"stable": True, "message": "", "cpu_s": self.seconds, "wall_s": self.seconds * self.pace, "used_cpu": used}
+        return self.costs(point) * self.pace, self.costs(point)
 
 
-def climbed(worker, seconds):
-    costs = Costs(worker.seconds, 128, worker.seconds, ("exact", None), worker.seconds, worker.seconds)
-    runs = VariantRuns(worker, Path("nowhere"), [], EXPLICIT, costs, Overheads(1.0, 1.0), Budget(seconds), lambda text: None)
-    return runs.rows(ladder(), 3)
+def studied(bench, tmp_path):
+    copy = Copy(TWO.to_toml(), EXPLICIT, [], 1.0)
+    runs = VariantRuns(bench, copy, StudySource(Path("s.toml"), {}, tmp_path, []), lambda text: None)
+    runs.run(runs.row_of(runs.own), 1e9)
+    runs.compile_beside()
+    runs.run_all()
+    runs.time_all(3)
+    return runs.rows
 
 
-def test_a_budget_is_kept_on_a_machine_that_slows_down(monkeypatch, file, tmp_path):
-    """Rungs for which no time is left are left out and say so; the scene's own and the reference come first."""
-    for budget, pace in ((20.0, 1.0), (60.0, 1.0), (60.0, 4.0), (400.0, 4.0)):
-        clock = MadeUpWorker(monkeypatch, 0.2, pace)
-        rows = climbed(clock, budget)
-        ran = [row for row in rows if row.cpu]
-        assert clock.now <= budget and {"mindlin", "exact, step /4"} <= {row.variant.name for row in ran}
-        assert all(row.message in (LEFT_OUT, "stopped: the budget was over") for row in rows if not row.cpu)
-        assert (len(ran) < len(rows)) == (budget < 50.0 or (budget < 100.0 and pace > 1.0))
-    clock = MadeUpWorker(monkeypatch, 30.0)
-    with pytest.raises(UsageError, match=r"--budget 40 s: too short for the smallest ladder .* about 2\.\d min are needed"):
-        climbed(clock, 40.0)
-    assert clock.now <= 40.0
-    with pytest.raises(UsageError, match="--budget 0.01 s: too short"):
-        cost.study(file, tmp_path / "out", budget=0.01)
+@pytest.mark.parametrize(
+    ("budget", "pace", "whole"), [(30.0, 1.0, False), (300.0, 1.0, True), (90.0, 3.0, False), (900.0, 3.0, True)]
+)
+def test_a_budget_is_kept_and_cheap_variants_are_never_left_out_for_dear_ones(budget, pace, whole, monkeypatch, tmp_path):
+    bench = MadeUpBench(monkeypatch, 0.2, budget, pace)
+    rows = studied(bench, tmp_path)
+    ran, omitted = [row for row in rows if row.cpu], [row for row in rows if not row.cpu]
+    assert bench.now <= budget and all(row.message == LEFT_OUT for row in omitted) and (not omitted) == whole
+    names = {row.variant.name for row in ran}
+    assert {"mindlin", "exact", "coulomb", "mdr 8", "mindlin, step x4", "mindlin, step x2"} <= names
+    costs = Costs(EXPLICIT, 0.2, ("exact", None), 0.2, {})
+    first = ("exact", "exact, step /4", "exact, step /2", "mdr 8", "coulomb")  # what every study has
+    cheap = [costs.of(row.variant) for row in ran if row.variant.name not in first]
+    assert all(costs.of(row.variant) >= max(cheap) for row in omitted if row.variant.name != "exact, step /4")
+    assert all(len(row.cpu) >= 3 for row in ran if row.variant.axis == "step") or not whole
+
+
+def test_a_budget_that_holds_nothing_is_refused_and_leaves_no_folder(monkeypatch, file, tmp_path):
+    def overdue(*_arguments):
+        raise Overdue
+
+    monkeypatch.setattr("thirdbody.studies.cost_command._begin", overdue)
+    with pytest.raises(UsageError, match=r"--budget 20 s: it was over before the scene was built"):
+        cost_command(StudySource(file, {}, tmp_path / "new" / "out", []), StudyOptions(3, budget=20.0), False, False, print)
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_copy_takes_the_time_that_it_is_made_for(file, tmp_path):
+    """And the explicit step of all its variants is the smallest that `auto` takes."""
+    source = StudySource(
+        file, {"solver.integrator": "explicit", "solver.distance": "4 mm", "output.every": "0.1 mm"}, tmp_path, []
+    )
+    copy = make_copy(source, 0.02, True)
+    scene = Scene.parse(copy.scene)
+    assert scene.solver.distance < 4e-3 and "4 mm" in copy.reduction[0] and "the smallest that `auto` takes" in copy.reduction[-1]
+    assert copy.base.kind == "explicit" and 0.0 < copy.base.step <= prepare(scene).state.dt
+    assert Copy.of(json.loads(json.dumps(copy.document()))) == copy
 
 
 def test_medians_and_how_far_they_may_be_off():
@@ -227,6 +273,18 @@ def test_the_whole_command(file, tmp_path, capsys):
     cost_command(StudySource(file, {}, out, []), StudyOptions(2), False, True, lambda text: None)
     report = json.loads(capsys.readouterr().out)
     assert report == json.loads((out / "cost.json").read_text())
+    table = thirdbody.Sweep(out)  # has the table of a sweep
+    assert [point.values["variant"] for point in table.points] == [variant["name"] for variant in report["variants"]]
+    assert all(point.results["integration_time"] > 0.0 and point.run.frames > 1 for point in table.points)
+    log: list[str] = []
+    cost_command(StudySource(file, {}, out, []), StudyOptions(2, resume=True), False, True, log.append)
+    again = json.loads(capsys.readouterr().out)  # goes on: no run is repeated, and it recommends the same
+    assert again["recommended"]["variant"] == report["recommended"]["variant"] and len(log) == 1
+    with pytest.raises(InputError, match="is a study of another scene or version"):
+        study(StudySource(file, {"solver.distance": "21 nm"}, out, []), resume=True)
+    picture = tmp_path / "x.svg"
+    cost_command(StudySource(file, {}, picture, []), StudyOptions(2, budget=60.0, picture=picture), False, False, log.append)
+    assert picture.stat().st_size > 5000 and capsys.readouterr().out.splitlines()[-1] == str(picture)
     assert len(report["variants"]) >= 14 and all(variant["stable"] for variant in report["variants"])
     assert (out / "cost.png").exists() and (out / "cost.pdf").exists()
     by_name = {variant["name"]: variant["friction_error"] for variant in report["variants"]}

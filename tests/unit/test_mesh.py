@@ -19,7 +19,7 @@ from thirdbody.errors import InputError
 from thirdbody.laws.registry import discover
 from thirdbody.rotations import matrix_from_quaternion
 from thirdbody.scene.model import Scene
-from thirdbody.studies.study_setup import save
+from thirdbody.studies.copies import portable
 
 FULL = pytest.mark.full(kind="slow")
 ELLIPSOID, FLAKE = (1.0, 0.8, 0.6), (1.0, 0.8, 0.3)
@@ -339,7 +339,8 @@ def test_a_study_finds_the_meshes_from_its_own_folder(scene_of, tmp_path):
     rocks(tmp_path / "scans", "a.stl", "b.stl")
     for name, file in (("list", '["scans/b.stl", "scans/a.stl"]'), ("folder", '"scans"')):
         scene = scene_of(file)
-        save(scene, tmp_path / name)
+        (tmp_path / name).mkdir()
+        portable(scene).save(tmp_path / name / "scene.toml")
         assert volumes_of(scene) == volumes_of(Scene.load(tmp_path / name / "scene.toml"))
 
 

@@ -4,9 +4,9 @@ import pytest
 
 from thirdbody.errors import OutputError
 from thirdbody.studies import cost_command as command
+from thirdbody.studies.copies import StudySource
 from thirdbody.studies.cost_command import StudyOptions, cost_command
-from thirdbody.studies.study_folder import new_study_folder
-from thirdbody.studies.study_setup import StudySource
+from thirdbody.studies.folder import new_study_folder
 
 NAMES = ("scene.toml", "cost.json", "cost.png", "cost.pdf", "variants/mdr_8/run.vtkhdf", "variants/mdr_8/checkpoint.npz",
          "variants/costliest/exact/scene.toml", "variants/mdr_8/.replacement/run.vtkhdf.part")  # fmt: skip

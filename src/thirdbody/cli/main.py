@@ -181,10 +181,10 @@ def plot(
 ) -> None:
     """Draw the summary page of a run: friction, states, gap or load, energy, contacts; or curves and maps of a sweep."""
     from thirdbody.plot.summary_page import plot as draw
-    from thirdbody.studies.sweep.sweep_folder import is_sweep_folder
+    from thirdbody.studies.folder import is_sweep_folder
 
     if is_sweep_folder(run):
-        from thirdbody.studies.sweep.reader import Sweep
+        from thirdbody.sweeps import Sweep
 
         Sweep(run).plot(out, panel, x, y)
         print_line(out)

@@ -119,3 +119,5 @@ class Study:
     only: Annotated[
         list[str] | None, typer.Option("--only", metavar="EFFECT", help="with --effects: no other; may be repeated")
     ] = None
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an existing study")] = False
+    resume: Annotated[bool, typer.Option("--resume", help="go on with the runs of a study that was interrupted")] = False

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -16,19 +16,21 @@ LONGEST = 30 * 86400.0  # longest wall time of a study [s]
 @grouped
 def cost(
     scene: Annotated[Path, typer.Argument(metavar="SCENE", help="scene file (TOML)")],
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="folder of the study [runs/<scene>_cost]")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="folder of the study [runs/<scene>_cost], or a picture: .png, .pdf, .svg")
+    ] = None,
     settings: Settings = None,
     *,
     study: Study,
     plugin: Plugins = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an existing study")] = False,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
     """Compare accuracy and run time of the laws, springs, time steps and integrators that a scene can use."""
     from thirdbody import units
+    from thirdbody.plot.figures import FORMATS, checked_path
+    from thirdbody.studies.copies import StudySource
     from thirdbody.studies.cost_command import StudyOptions, cost_command
-    from thirdbody.studies.study_setup import StudySource
 
     def log(text: str) -> None:
         if not quiet:
@@ -43,9 +45,13 @@ def cost(
     only = tuple(study.only or ())
     if only and not study.effects:
         raise UsageError("--only: goes with --effects")
+    if study.resume and study.effects:
+        raise UsageError("--resume: goes with a study of accuracy, not with --effects")
+    picture = checked_path(out) if out is not None and out.suffix.lower() in FORMATS and not out.is_dir() else None
     folder = out or Path("runs") / f"{scene.stem}_{'effects' if study.effects else 'cost'}"
     source = StudySource(scene, override_pairs(settings), folder, plugin or [])
-    cost_command(source, StudyOptions(study.repeats, study.effects, seconds, only), overwrite, json, log)
+    options = StudyOptions(study.repeats, study.effects, seconds, only, study.resume, picture)
+    cost_command(source, options, study.overwrite, json, log)
 
 
 @dataclass(frozen=True)
@@ -89,15 +95,12 @@ def sweep(
     cluster: Cluster,
 ) -> None:
     """Run a scene at many points: a table of results, a folder per point; failed points are rows too."""
-    from thirdbody.studies.sweep.command import SweepArguments, sweep_command
-    from thirdbody.studies.sweep.execution import Execution
-    from thirdbody.system.dask_client import dask_client
+    from thirdbody.studies.dask import dask_client
+    from thirdbody.studies.sweep import Execution, SweepArguments, sweep_command
 
     if continuation.retry not in (None, "failed"):
         raise UsageError(f"--retry {continuation.retry}: write --retry failed")
-    given: dict[str, Any] = {
-        "design": points.design, "samples": points.samples, "results": points.result, "keep": points.keep,
-    }  # fmt: skip
+    given = {"design": points.design, "samples": points.samples, "results": points.result, "keep": points.keep}
     options = {name: value for name, value in given.items() if value is not None}
     arguments = SweepArguments(path, out, points.vary or (), override_pairs(points.settings), options, plugin or ())
     resume, retry = continuation.resume or continuation.retry is not None, continuation.retry is not None

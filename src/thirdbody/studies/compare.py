@@ -33,9 +33,9 @@ class Outcome:
 
 def read_outcome(folder: Path) -> Outcome | None:
     """Return the outcome of a run; None when it wrote no frame. Raises InputError for a file that is not a run."""
-    from thirdbody.trajectory.reader import open_run
+    from thirdbody.trajectory.run_file import RunFile
 
-    with open_run(folder) as run:
+    with RunFile(folder) as run:
         if not run.frames:
             return None
         series, bodies, domain = run.series, run.bodies(-1), run.header["domain"]

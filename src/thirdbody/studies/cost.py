@@ -1,30 +1,58 @@
-"""Cost of accuracy: variants of one scene, each run in a separate process and compared with the finest of them."""
+"""Cost of accuracy: errors of the variants of a scene against the finest of them, their front, and the recommended one."""
+
+from __future__ import annotations
 
 import itertools
 import math
 import statistics
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 from thirdbody.errors import UsageError
-from thirdbody.scene.model import Scene
-from thirdbody.studies.compare import errors
-from thirdbody.studies.study_setup import StudySource, prepare_study
-from thirdbody.studies.time_budget import BUDGET, Budget
-from thirdbody.studies.timing_statistics import slower
-from thirdbody.studies.variant_result import Row
-from thirdbody.studies.variant_runs import VariantRuns
-from thirdbody.studies.worker_process import Worker
-
-REPEATS = 3
-JSON_FILE, PICTURE = "cost.json", "cost.png"
+from thirdbody.studies.compare import Outcome, errors
+from thirdbody.studies.timing import Timing, slower, timing
+from thirdbody.studies.variants import Variant
 
 GOOD, SAME = 0.01, 0.01
 """Friction error and fraction of changed labels that a recommended variant may have."""
 
-Log = Callable[[str], None]
+GAIN = 0.25
+"""Least gain of time for which another variant is recommended than one that is preferred: a second study finds the same."""
+
+ERRORS = ("friction_error", "load_error", "position_error", "rotation_error", "label_difference", "dissipation_error",
+          "mean_friction_error", "mean_position_error", "state_fraction_error")  # fmt: skip
+
+
+@dataclass(eq=False)
+class Row:
+    """Result of one variant.
+
+    `wall`, `cpu`: seconds of its repeats; `outcome`: None for a variant without result; `folder`: the folder of its run;
+    `beside`: seconds of the scene's own variant, timed alternately with it.
+    """
+
+    variant: Variant
+    wall: list[float] = field(default_factory=list)
+    cpu: list[float] = field(default_factory=list)
+    stable: bool = False
+    message: str = ""
+    integrator: str = ""
+    step: float | None = None
+    outcome: Outcome | None = None
+    errors: dict[str, float] = field(default_factory=dict)
+    folder: str = ""
+    beside: list[float] = field(default_factory=list)
+
+    @property
+    def timing(self) -> Timing:
+        """Cost of the variant [s of the processor], with its uncertainty."""
+        return timing(self.cpu)
+
+    @property
+    def seconds(self) -> float:
+        """Cost of the variant: median of the processor seconds over the repeats, NaN without any."""
+        return self.timing.seconds
 
 
 @dataclass
@@ -41,7 +69,7 @@ class Study:
     machine: dict[str, Any]
     rows: list[Row]
     scatter: Mapping[str, float] = field(default_factory=dict)
-    budget: float = BUDGET
+    budget: float = math.nan
     elapsed: float = math.nan
 
     @property
@@ -55,34 +83,7 @@ class Study:
         return next(row for row in reversed(self.rows) if row.variant.reference)
 
 
-def study(
-    path: Path, folder: Path, settings: Mapping[str, Any] | None = None, plugins: Sequence[str | Path] = (),
-    repeats: int = REPEATS, log: Log = lambda text: None, budget: float = BUDGET,
-) -> Study:  # fmt: skip
-    """Compute the variants of a scene file; runs remain in `folder`/variants. Raises ThirdbodyError for an invalid scene.
-
-    The scene is reduced until its variants should finish within `budget` seconds; variants without time are omitted and marked.
-    Errors are relative to the last variant, or, where that one failed, to the slowest other one that finished. Raises UsageError
-    for a budget that cannot hold the scene's own variant and the reference.
-    """
-    from thirdbody.studies.machine_info import machine
-
-    if repeats < 2:
-        raise UsageError(f"--repeats {repeats}: at least 2, to know the scatter of the times")
-    clock = Budget(budget)
-    scene = Scene.load(path, plugins)
-    scene = scene.with_settings(settings) if settings else scene
-    with Worker() as worker:
-        setup = prepare_study(StudySource(path, settings or {}, folder, plugins), repeats, clock, worker, log)
-        runs = VariantRuns(worker, folder, plugins, setup.base, setup.costs, setup.overheads, clock, log)
-        rows = runs.rows(setup.variants, repeats)
-    _one_pace(rows)
-    built = Study(str(path), scene.title, setup.reduction, machine(), rows, budget=budget)
-    compute_errors(built)
-    return built
-
-
-def _one_pace(rows: Sequence[Row]) -> None:
+def one_pace(rows: Sequence[Row]) -> None:
     """Scale the seconds of variants that alternated with the scene's own to one pace of the machine, that of its median."""
     paces = [seconds for row in rows for seconds in row.beside]
     for row in rows:
@@ -91,10 +92,18 @@ def _one_pace(rows: Sequence[Row]) -> None:
 
 
 def compute_errors(built: Study) -> None:
-    """Compute the errors of all rows against the reference, which is replaced where the finest variant failed; the scatter."""
+    """Compute the errors of all rows against the reference, and the scatter.
+
+    Where the finest variant did not finish, the reference is the finest one that did: the finest law in short steps, else with
+    the scene's own step. Raises UsageError where none did.
+    """
     rows = built.rows
     if not rows[-1].stable:
-        whole = [row for row in rows if row.stable and row.variant.axis == "law"]
+        done = [row for row in rows if row.stable]
+        whole = [row for row in done if row.variant.axis == "fine" and row.variant.factor < 1.0]
+        whole = whole or [row for row in done if row.variant.axis == "law"]
+        if whole and whole[-1].variant.default:
+            whole += [row for row in done if row.variant.axis == "step" and row.variant.factor < 1.0]
         if not whole:
             raise UsageError(f"no variant of {built.scene} finished: {rows[0].message or rows[-1].message}")
         for row in rows:
@@ -119,8 +128,7 @@ def figure_of_merit(built: Study) -> str:
 
     Where runs part, that of the mean friction.
     """
-    known = [row.errors.get("friction_error", math.nan) for row in built.rows if row.stable]
-    if not any(math.isfinite(x) for x in known):
+    if not any(math.isfinite(row.errors.get("friction_error", math.nan)) for row in built.rows if row.stable):
         return "load_error"
     return "mean_friction_error" if is_chaotic(built) else "friction_error"
 
@@ -143,16 +151,17 @@ def efficient(built: Study) -> list[Row]:
     """
     merit = figure_of_merit(built)
     rows = [row for row in built.rows if row.stable and is_choice(row) and math.isfinite(row.errors[merit])]
-    saved = [row for row in rows if row is built.reference or not any(_beaten(built, row, other, merit) for other in rows)]
+
+    def beaten(row: Row, other: Row) -> bool:
+        """Return whether another variant is more accurate and not significantly slower, or as accurate and faster."""
+        error, better = significant_error(built, row, merit), significant_error(built, other, merit)
+        if better == error:
+            return (other.seconds, id(other)) < (row.seconds, id(row))
+        return better < error and not slower(other.timing, row.timing)
+
+    others = [row for row in rows if row is not built.reference]
+    saved = [row for row in rows if row is built.reference or not any(beaten(row, other) for other in others)]
     return sorted(saved, key=lambda row: (row is built.reference, row.seconds))
-
-
-def _beaten(built: Study, row: Row, other: Row, merit: str) -> bool:
-    """Return whether another variant is more accurate and not significantly slower, or as accurate and faster."""
-    error, better = significant_error(built, row, merit), significant_error(built, other, merit)
-    if better == error:
-        return (other.seconds, id(other)) < (row.seconds, id(row))
-    return better < error and not slower(other.timing, row.timing)
 
 
 def is_choice(row: Row) -> bool:
@@ -165,37 +174,38 @@ def speed_error(built: Study) -> tuple[float, float]:
 
     In friction, or in the load (`figure_of_merit`), with the same law and step; NaN without such a variant.
     """
-    own = built.default
-    slower = min(
-        (row for row in built.rows if row.stable and row.variant.speed < 1.0), key=lambda row: row.variant.speed, default=None
-    )
-    if own is None or slower is None or own.outcome is None or slower.outcome is None:
+    own, slow = built.default, [row for row in built.rows if row.stable and row.variant.speed < 1.0]
+    slowest = min(slow, key=lambda row: row.variant.speed, default=None)
+    if own is None or slowest is None or own.outcome is None or slowest.outcome is None:
         return math.nan, math.nan
-    return slower.variant.speed, errors(own.outcome, slower.outcome)[figure_of_merit(built)]
+    return slowest.variant.speed, errors(own.outcome, slowest.outcome)[figure_of_merit(built)]
 
 
 def recommended(built: Study) -> tuple[Row, str]:
     """Return the recommended variant, and the reason in words.
 
-    The fastest of those whose friction is right to 1 % and that change at most 1 % of the labels, else the most accurate one of
-    the front. Times within their spread are equal: of such variants the scene's own is preferred, else the most accurate one.
-    Where runs from starts 1e-9 apart differ by more than 1 %, the mean friction and the shares of the states decide, and errors
-    below that scatter are equal. A run whose bodies do not meet is reported separately.
+    The fastest of those whose friction is right to 1 % and that change at most 1 % of the labels, else the most accurate one.
+    Times within their spread, or that differ by less than a quarter, are equal: of such variants the scene's own is
+    preferred, else the most accurate one. Where runs from starts 1e-9 apart differ by more than 1 %, the mean friction and the
+    shares of the states decide, and errors below that scatter are equal. A run whose bodies do not meet is reported separately.
     """
-    merit = figure_of_merit(built)
-    rows = [row for row in efficient(built) if not row.variant.reference] or [built.reference]
-    good = [row for row in built.rows if row.stable and is_choice(row) and not row.variant.reference and _good(built, row)]
+    merit, default = figure_of_merit(built), built.default
+    choices = [row for row in built.rows if row.stable and is_choice(row) and not row.variant.reference]
+    close = [row for row in choices if row.errors[merit] <= max(GOOD, built.scatter.get(merit, 0.0))]
+    labels = "state_fraction_error" if is_chaotic(built) else "label_difference"
+    limit = max(SAME, built.scatter.get(labels, 0.0))
+    good = [row for row in close if not row.errors[labels] > limit]
     ties = _ties(good)
-    default = built.default
-    row = _best_of(built, ties) if good else rows[-1]
+    row = _best_of(built, ties or choices or [built.reference], own=bool(good))
     own = ", the variant of the scene," if row is default else ""
     words = [f"`{row.variant.name}`{own} gives {percent(row.errors[merit])} {merit_in_words(built)} error"]
     if default is not None and default.stable and default is not row:
         words.append(f" at {_ratio(row, default)} `{default.variant.name}` ({percent(default.errors[merit])})")
     words.append(_of_labels(built, row))
-    others = [other.variant.name for other in ties if other is not row]
-    if good and others:
-        words.append(f"; {_listed(others)} take{'s' if len(others) == 1 else ''} the same time within the spread")
+    words += _why_not_the_fastest(built, row, close, good)
+    equal = [f"`{other.variant.name}`" for other in ties if other is not row and _same_time(other, row)]
+    if good and equal:
+        words.append(f"; {', '.join(equal)} take{'s' if len(equal) == 1 else ''} the same time within the spread")
     if not good:
         words.append("; no variant is within 1 % in both: bodies that tip make the rest")
     alone = next((other for other in built.rows if other.variant.axis == "meeting" and other.stable), None)
@@ -207,35 +217,42 @@ def recommended(built: Study) -> tuple[Row, str]:
 
 
 def _ties(rows: Sequence[Row]) -> list[Row]:
-    """Return the fastest of these variants, and those that are not significantly slower."""
+    """Return the fastest of these variants, and those that are not slower by their spread and by a quarter."""
     if not rows:
         return []
     first = min(rows, key=lambda row: row.seconds + row.timing.half)
-    return [row for row in rows if not slower(row.timing, first.timing)]
+    return [row for row in rows if not slower(row.timing, first.timing) or row.seconds <= (1.0 + GAIN) * first.seconds]
 
 
-def _best_of(built: Study, rows: Sequence[Row]) -> Row:
-    """Return, of variants of equal time, the scene's own, else the most accurate one, of equally accurate ones the fastest."""
+def _best_of(built: Study, rows: Sequence[Row], own: bool) -> Row:
+    """Return the most accurate of these variants, of equally accurate ones the fastest; with `own` rather the scene's own."""
     merit = figure_of_merit(built)
-    own = next((row for row in rows if row is built.default), None)
-    return own or min(rows, key=lambda row: (significant_error(built, row, merit), row.seconds))
+    default = next((row for row in rows if own and row is built.default), None)
+    return default or min(rows, key=lambda row: (significant_error(built, row, merit), row.seconds))
+
+
+def _why_not_the_fastest(built: Study, row: Row, close: Sequence[Row], good: Sequence[Row]) -> Iterator[str]:
+    """Yield why the fastest variant whose friction is right is not the recommended one, unless they take the same time."""
+    first = min(close, key=lambda other: other.seconds, default=row)
+    if first is row or (first in good and _same_time(first, row)):
+        return
+    faster = f"; `{first.variant.name}` is faster, {first.seconds / row.seconds:.2g} times the time, and as right in "
+    faster += merit_in_words(built)
+    if first not in good:
+        yield f"{faster}, but not in the states of the bodies{_of_labels(built, first).replace(';', ':', 1)}"
+    else:
+        why = "`{}` is the scene's own" if row is built.default else "`{}` is more accurate"
+        yield f"{faster}, but by less than a quarter, and {why.format(row.variant.name)}"
+
+
+def _same_time(a: Row, b: Row) -> bool:
+    return not slower(a.timing, b.timing) and not slower(b.timing, a.timing)
 
 
 def _ratio(row: Row, default: Row) -> str:
     """Return the cost of a variant over that of the scene's own in words; none where the spread exceeds the difference."""
-    if not slower(row.timing, default.timing) and not slower(default.timing, row.timing):
-        return "the same cost, within the spread, as"
-    return f"{row.seconds / default.seconds:.2g} times the cost of"
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(f"`{name}`" for name in names)
-
-
-def _good(built: Study, row: Row) -> bool:
-    merit, labels = figure_of_merit(built), "state_fraction_error" if is_chaotic(built) else "label_difference"
-    limits = max(GOOD, built.scatter.get(merit, 0.0)), max(SAME, built.scatter.get(labels, 0.0))
-    return row.errors[merit] <= limits[0] and not row.errors[labels] > limits[1]
+    same = _same_time(row, default)
+    return "the same cost, within the spread, as" if same else f"{row.seconds / default.seconds:.2g} times the cost of"
 
 
 def _of_labels(built: Study, row: Row) -> str:
@@ -250,53 +267,3 @@ def _of_labels(built: Study, row: Row) -> str:
 def percent(fraction: float) -> str:
     """Return a fraction in per cent, two digits."""
     return f"{100.0 * fraction:.2g} %"
-
-
-def as_json(built: Study) -> dict[str, Any]:
-    """Return the whole study for JSON; numbers in SI or relative."""
-    default, (row, words) = built.default, recommended(built)
-    base = default.seconds if default is not None and default.stable else math.nan
-    onfront = efficient(built)
-    return {
-        "scene": built.scene,
-        "title": built.title,
-        "machine": built.machine,
-        "reduction": built.reduction,
-        "scatter": dict(built.scatter),
-        "budget_s": built.budget,
-        "took_s": built.elapsed,
-        "reference": built.reference.variant.name,
-        "recommended": {"variant": row.variant.name, "words": words},
-        "speed_error": speed_error(built)[1],
-        "variants": [
-            {
-                "name": entry.variant.name,
-                "axis": entry.variant.axis,
-                "level": entry.variant.level,
-                "springs": entry.variant.springs,
-                "integrator": entry.integrator,
-                "speed": entry.variant.speed,
-                "step": entry.step,
-                "wall_s": entry.wall_seconds,
-                "wall_spread_s": [min(entry.wall), max(entry.wall)] if entry.wall else None,
-                "cpu_s": entry.seconds,
-                "cpu_spread_s": [min(entry.cpu), max(entry.cpu)] if entry.cpu else None,
-                "yardstick_s": statistics.median(entry.beside) if entry.beside else None,
-                "cpu_uncertainty_s": entry.timing.half if entry.cpu else None,
-                "repeats": len(entry.wall),
-                "time_ratio": entry.seconds / base,
-                **{name: entry.errors.get(name, math.nan) for name in ERRORS},
-                "energy_residual": None if entry.outcome is None else entry.outcome.residual,
-                "stable": entry.stable,
-                "message": entry.message,
-                "default": entry.variant.default,
-                "reference": entry.variant.reference,
-                "on_front": any(entry is other for other in onfront),
-            }
-            for entry in built.rows
-        ],
-    }
-
-
-ERRORS = ("friction_error", "load_error", "position_error", "rotation_error", "label_difference", "dissipation_error",
-          "mean_friction_error", "mean_position_error", "state_fraction_error")  # fmt: skip

@@ -1,69 +1,100 @@
-"""Command `thirdbody cost`: computes, prints, and writes JSON, picture and runs into a folder."""
+"""Command `thirdbody cost`: computes, prints, and writes JSON, picture, table and runs into a folder."""
 
 import json as json_module
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from thirdbody.errors import OutputError
+from thirdbody.errors import InputError, Interrupted, OutputError, UsageError
 from thirdbody.report.tables import as_plain, print_json
-from thirdbody.studies.cost import JSON_FILE, PICTURE, as_json, study
-from thirdbody.studies.study_folder import new_study_folder
-from thirdbody.studies.study_setup import StudySource
-from thirdbody.studies.time_budget import BUDGET
+from thirdbody.runner.run_folder import lock_folder
+from thirdbody.studies.copies import Copy, CopyMemory, StudySource, make_copy
+from thirdbody.studies.cost import Study, compute_errors, one_pace
+from thirdbody.studies.cost_report import as_json, print_study
+from thirdbody.studies.cost_runs import Bench, Overdue, VariantRuns
+from thirdbody.studies.folder import new_study_folder, read_document, save_plan
+from thirdbody.studies.point import read_result
+from thirdbody.units import duration
+
+REPEATS, BUDGET = 3, 420.0
+"""Least number of timings of a variant; wall time of a study [s]."""
+
+FEW_FRAMES = 420.0
+"""Budget [s] below which the copy has few frames, which take longer to write than a short run to integrate."""
+
+PICTURE = "cost.png"
 
 
 class StudyOptions(NamedTuple):
     """Number of timed runs of each variant; study of effects instead of accuracy; wall time [s].
 
-    `only`: effects that are studied; all without any.
+    `only`: effects that are studied; all without any. `resume`: go on with the study in the folder. `picture`: a file that is
+    all that stays.
     """
 
     repeats: int
     effects: bool = False
     budget: float = BUDGET
     only: tuple[str, ...] = ()
+    resume: bool = False
+    picture: Path | None = None
 
 
 def cost_command(source: StudySource, options: StudyOptions, overwrite: bool, json: bool, log: Callable[[str], None]) -> None:
-    """Run `thirdbody cost`. Raises ThirdbodyError; no partial files remain except the runs of variants."""
-    if options.effects:
-        _effects(source, options, overwrite, json, log)
+    """Run `thirdbody cost`. Raises ThirdbodyError; of a study that is refused nothing stays."""
+    compute = _effects if options.effects else _cost
+    if options.picture is not None:
+        with tempfile.TemporaryDirectory() as folder:
+            compute(source._replace(folder=Path(folder)), options, json, log)
         return
-    from thirdbody.studies.convergence import convergence, print_convergence, print_reference, reference_error
+    if options.resume and source.folder.is_dir():
+        with lock_folder(source.folder):
+            compute(source, options, json, log)
+        return
+    with new_study_folder(source.folder, overwrite) as work_folder:
+        try:
+            compute(source._replace(folder=work_folder), options, json, log, source.folder)
+        except KeyboardInterrupt:
+            goes_on = "--resume goes on with the runs that are there"
+            raise Interrupted(f"interrupted; {goes_on if work_folder == source.folder else 'the older study stays'}") from None
+
+
+def _cost(source: StudySource, options: StudyOptions, json: bool, log: Callable[[str], None], final: Path | None = None) -> None:
     from thirdbody.studies.cost_plot import draw_study
-    from thirdbody.studies.cost_table import print_study
 
     began, folder = time.perf_counter(), source.folder
-    with new_study_folder(folder, overwrite) as work_folder:
-        built = study(source.scene, work_folder, source.settings, source.plugins, options.repeats, log, options.budget)
-        draw_study(built, work_folder / PICTURE, (work_folder / PICTURE).with_suffix(".pdf"))
-        built.elapsed = time.perf_counter() - began
-        report = as_json(built) | {"convergence": convergence(built), "reference_error": reference_error(built)}
-        _write(work_folder / JSON_FILE, report)
+    built = study(source, options.repeats, log, options.budget, options.resume)
+    pictures = [folder / PICTURE, (folder / PICTURE).with_suffix(".pdf")] if options.picture is None else [options.picture]
+    draw_study(built, *pictures)
+    built.elapsed = time.perf_counter() - began
+    report = as_json(built)
+    _write(folder / "cost.json", report)
     if json:
         print_json(report)
         return
     print_study(built)
-    print_convergence(report["convergence"])
-    print_reference(built)
-    print(f"{folder / PICTURE} (and .pdf), {folder / JSON_FILE}, runs of the variants beside them")
+    where = final or folder
+    files = f"{where / PICTURE} (and .pdf), {where / 'cost.json'}, {where / 'points.csv'}, runs of the variants beside them"
+    print(options.picture or files)
 
 
-def _effects(source: StudySource, options: StudyOptions, overwrite: bool, json: bool, log: Callable[[str], None]) -> None:
-    from thirdbody.studies.effects import EFFECTS_PICTURE, effects_study, print_effects
-    from thirdbody.studies.effects_plot import draw_effects
+def _effects(
+    source: StudySource, options: StudyOptions, json: bool, log: Callable[[str], None], final: Path | None = None
+) -> None:
+    from thirdbody.studies.effects import EFFECTS_PICTURE, draw_effects, effects_study, print_effects
 
-    with new_study_folder(source.folder, overwrite) as work_folder:
-        report = effects_study(source.scene, work_folder, source.settings, source.plugins, options.repeats, log, options.only)
-        draw_effects(report, work_folder / EFFECTS_PICTURE, (work_folder / EFFECTS_PICTURE).with_suffix(".pdf"))
-        _write(work_folder / "effects.json", report)
+    report = effects_study(source, options.repeats, log, options.only)
+    picture = source.folder / EFFECTS_PICTURE
+    draw_effects(report, *([picture, picture.with_suffix(".pdf")] if options.picture is None else [options.picture]))
+    _write(source.folder / "effects.json", report)
     if json:
         print_json(report)
-    else:
-        print_effects(report)
-        print(f"{source.folder / EFFECTS_PICTURE} (and .pdf), {source.folder / 'effects.json'}")
+        return
+    print_effects(report)
+    where = final or source.folder
+    print(options.picture or f"{where / EFFECTS_PICTURE} (and .pdf), {where / 'effects.json'}")
 
 
 def _write(path: Path, report: dict[str, Any]) -> None:
@@ -73,3 +104,65 @@ def _write(path: Path, report: dict[str, Any]) -> None:
         write_whole(path, json_module.dumps(as_plain(report), indent=1).encode())
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
+
+
+def study(
+    source: StudySource, repeats: int = REPEATS, log: Callable[[str], None] = lambda text: None, budget: float = BUDGET,
+    resume: bool = False,
+) -> Study:  # fmt: skip
+    """Compute the variants of a scene file within a budget [s]; runs remain in `folder`/variants.
+
+    The scene is reduced until its variants should finish; variants without time are omitted and marked. Errors are relative to
+    the finest variant that finished. Raises UsageError where not even the scene's own variant finished, and ThirdbodyError for an
+    invalid scene.
+    """
+    from thirdbody.studies.timing import machine
+
+    if repeats < 2:
+        raise UsageError(f"--repeats {repeats}: at least 2, to know the scatter of the times")
+    bench = Bench(budget)  # its processes start meanwhile
+    try:
+        report, scene = machine(), source.read()
+        runs = _begin(bench, source, CopyMemory(scene, source.plugins, budget), resume, log)
+        runs.compile_beside()
+        runs.run_all()
+        runs.time_all(repeats)
+    except Overdue:
+        raise UsageError(
+            f"--budget {duration(budget)}: it was over before the scene was built and had run once with its own settings; what "
+            "was compiled till then is kept, so a second try gets farther"
+        ) from None
+    finally:
+        bench.close()
+    one_pace(runs.rows)
+    built = Study(str(source.scene), scene.title, runs.copy.reduction, report, runs.rows, budget=budget)
+    compute_errors(built)
+    return built
+
+
+def _begin(bench: Bench, source: StudySource, memory: CopyMemory, resume: bool, log: Callable[[str], None]) -> VariantRuns:
+    """Return the variants of a copy, the own one of the scene already run. Raises Overdue.
+
+    Raises InputError for a study that should go on and is one of another scene or version.
+    """
+    if resume:
+        document = read_document(source.folder)
+        if document.get("study", {}).get("name") != memory.name:
+            raise InputError(f"{source.folder}: is a study of another scene or version; --overwrite computes it anew")
+        copy = Copy.of(document["study"]["copy"])
+    elif (saved := memory.read()) is not None:
+        copy = saved
+    else:
+        log("building the scene and estimating its time")
+        copy = bench.call(make_copy, source, bench.target, bench.budget < FEW_FRAMES)
+        memory.write(copy)
+    runs = VariantRuns(bench, copy, source, log)
+    save_plan(runs.table.plan, source.folder, {"study": {"name": memory.name, "copy": copy.document()}})
+    for row, point in runs.points.items():
+        if (result := read_result(point)) is not None:
+            runs.enter(row, result)
+    own = runs.row_of(runs.own)
+    if not own.cpu:
+        runs.run(own, bench.left())
+    log(f"{own.variant.name}: {own.message or f'{own.cpu[0]:.3g} s'}")
+    return runs

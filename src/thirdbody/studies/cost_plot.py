@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from thirdbody.palette import LINE_COLORS
-from thirdbody.studies.convergence import reference_error
 from thirdbody.studies.cost import Row, Study, efficient, figure_of_merit, percent, recommended
-from thirdbody.studies.cost_table import scatter_words, speed_words, stopped
-from thirdbody.studies.machine_info import described
+from thirdbody.studies.cost_report import reference_error, scatter_words, speed_words, stopped
+from thirdbody.studies.timing import described
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,7 +30,7 @@ NOTHING = 1e-12
 
 def draw_study(built: Study, *paths: Path) -> None:
     """Write the picture (.png, .pdf or .svg), drawn once. Raises OutputError when it cannot be written."""
-    from thirdbody.plot.summary_page import save
+    from thirdbody.plot.figures import save
 
     figure = picture(built)
     for path in paths:
@@ -51,9 +50,9 @@ def picture(built: Study) -> Figure:
     axes.spines[["top", "right"]].set_visible(False)
     heights = _heights(built, merit)
     rows = [row for row, _ in heights]
-    points = {id(row): (row.seconds, height) for row, height in heights}
+    points = {row: (row.seconds, height) for row, height in heights}
     _points(axes, [row for row in rows if row is not built.reference], points)
-    front = [row for row in efficient(built) if id(row) in points]
+    front = [row for row in efficient(built) if row in points]
     _front(axes, front, points)
     ringed = _marks(axes, built, points, merit)
     axes.margins(x=0.15, y=0.08)  # room for names
@@ -79,12 +78,12 @@ def _heights(built: Study, merit: str) -> list[tuple[Row, float]]:
     return [*shown, (built.reference, minimum / 3.0 if math.isnan(own) else min(own, minimum))]
 
 
-def _points(axes: Any, rows: list[Row], points: dict[int, tuple[float, float]]) -> None:
+def _points(axes: Any, rows: list[Row], points: dict[Row, tuple[float, float]]) -> None:
     for axis, (label, color, marker) in AXES.items():
         here = [row for row in rows if row.variant.axis == axis]
         if not here:
             continue
-        x, y = zip(*(points[id(row)] for row in here), strict=True)
+        x, y = zip(*(points[row] for row in here), strict=True)
         axes.errorbar(x, y, xerr=_error_bars(here), fmt=marker, color=color, markersize=6.5, elinewidth=1.0, capsize=2.0,
                       label=label,
                       markeredgecolor="white", markeredgewidth=0.6, zorder=3)  # fmt: skip
@@ -95,29 +94,29 @@ def _error_bars(rows: list[Row]) -> list[list[float]]:
     return [halves, halves]
 
 
-def _front(axes: Any, rows: list[Row], points: dict[int, tuple[float, float]]) -> None:
+def _front(axes: Any, rows: list[Row], points: dict[Row, tuple[float, float]]) -> None:
     """Draw the front as steps: between two variants more time gains nothing until it suffices for the next one."""
-    x, y = zip(*(points[id(row)] for row in rows), strict=True)
+    x, y = zip(*(points[row] for row in rows), strict=True)
     axes.plot(x, y, color=INK, linewidth=1.2, linestyle="--", drawstyle="steps-post", zorder=2,
               label="efficient front, to the reference")  # fmt: skip
 
 
-def _marks(axes: Any, built: Study, points: dict[int, tuple[float, float]], merit: str) -> set[int]:
-    """Draw rings, the reference and the line of the steps' effect; return the ids of the rows with a ring."""
+def _marks(axes: Any, built: Study, points: dict[Row, tuple[float, float]], merit: str) -> set[Row]:
+    """Draw rings, the reference and the line of the steps' effect; return the rows with a ring."""
     default, best, reference = built.default, recommended(built)[0], built.reference
     ringed = set()
     for row, color, size, label in (
         (default, LINE_COLORS["black"], 15.0, "as in the scene"), (best, LINE_COLORS["orange"], 20.0, "recommended"),
     ):  # fmt: skip
         if row is not None and row.stable and not row.variant.reference:
-            axes.plot(*points[id(row)], "o", markersize=size, markerfacecolor="none", markeredgecolor=color,
+            axes.plot(*points[row], "o", markersize=size, markerfacecolor="none", markeredgecolor=color,
                       markeredgewidth=1.6, label=label, zorder=4)  # fmt: skip
-            ringed.add(id(row))
+            ringed.add(row)
     apart, lowest = built.scatter.get(merit, 0.0), min(y for _, y in points.values())
     if apart > 0.1 * lowest:  # far below all errors words suffice
         label = "runs from starts 1e-9 apart differ by this"
         axes.axhspan(0.0, apart, color=SOFT, alpha=0.15, linewidth=0.0, zorder=0, label=label)
-    x, y = points[id(reference)]
+    x, y = points[reference]
     own = reference_error(built)
     unknown = math.isnan(own)
     label = "reference (its error is 0 by definition)" if unknown else f"reference (its own error: about {percent(own)})"
@@ -135,21 +134,21 @@ Box = tuple[float, float, float, float]
 """Left, bottom, right and top of an item of the picture, in its pixels."""
 
 
-def _names(axes: Any, rows: list[Row], points: dict[int, tuple[float, float]], front: list[Row], ringed: set[int]) -> None:
+def _names(axes: Any, rows: list[Row], points: dict[Row, tuple[float, float]], front: list[Row], ringed: set[Row]) -> None:
     """Draw a name near each point, where it covers the least: other names and points first, then the front."""
     from matplotlib.patheffects import withStroke
 
     axes.figure.canvas.draw()
     scale = axes.figure.dpi / 72.0
-    dots = {id(row): axes.transData.transform(points[id(row)]) for row in rows}
+    dots = {row: axes.transData.transform(points[row]) for row in rows}
     occupied: list[Box] = []
-    steps, inside = _steps([dots[id(row)] for row in front]), axes.bbox.extents
+    steps, inside = _steps([dots[row] for row in front]), axes.bbox.extents
     own = next((row.variant.name.split(",")[0] for row in rows if row.variant.axis != "law"), "")
-    for row in sorted(rows, key=lambda row: dots[id(row)][0]):
-        text, (x, y) = row.variant.name.removeprefix(f"{own}, "), dots[id(row)]
+    for row in sorted(rows, key=lambda row: dots[row][0]):
+        text, (x, y) = row.variant.name.removeprefix(f"{own}, "), dots[row]
         width, height = 3.9 * len(text) * scale, 9.5 * scale
-        off = 9.0 if id(row) in ringed else 0.0  # outside the ring
-        others = [(px - r, py - r, px + r, py + r) for key, (px, py) in dots.items() if key != id(row)
+        off = 9.0 if row in ringed else 0.0  # outside the ring
+        others = [(px - r, py - r, px + r, py + r) for key, (px, py) in dots.items() if key != row
                   for r in (scale * (10.5 if key in ringed else 1.5),)]  # fmt: skip
         result: list[tuple[float, Box, tuple[float, float]]] = []
         for dx, dy in ((_further(dx, off), _further(dy, 0.5 * off)) for dx, dy in _AROUND):
@@ -163,7 +162,7 @@ def _names(axes: Any, rows: list[Row], points: dict[int, tuple[float, float]], f
         _, box, shift = min(result)
         occupied.append(box)
         distant = max(abs(shift[0]) - 6.0, abs(shift[1])) > 12.0 + off
-        axes.annotate(text, points[id(row)], xytext=shift, textcoords="offset points", fontsize=7.0, va="center",
+        axes.annotate(text, points[row], xytext=shift, textcoords="offset points", fontsize=7.0, va="center",
                       ha="left" if shift[0] > 0 else "right", color=INK, zorder=5,
                       path_effects=[withStroke(linewidth=2.0, foreground="white")],
                       arrowprops={"arrowstyle": "-", "color": SOFT, "linewidth": 0.5} if distant else None)  # fmt: skip

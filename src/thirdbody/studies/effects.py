@@ -1,31 +1,44 @@
 """Cost and influence of each effect and measure of a scene: off if it is on, on if it is off, against the scene as it is.
 
-Both run alternately in one process, so that a ratio of times is that of two adjacent measurements.
+Both run alternately in one process, so that a ratio of times is that of two adjacent measurements. The picture shows what each
+costs, in pairs of runs, beside what it changes.
 """
+
+from __future__ import annotations
 
 import math
 import statistics
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from thirdbody.assembly.simulation import Simulation
-from thirdbody.errors import UsageError, nearest
-from thirdbody.laws.measures import Measure
+from thirdbody.errors import ThirdbodyError, UsageError, nearest
+from thirdbody.palette import INK, LINE_COLORS, SOFT_INK
+from thirdbody.runner.simulate import prepare
 from thirdbody.scene.model import Scene
 from thirdbody.studies.compare import errors, read_outcome
+from thirdbody.studies.copies import StudySource, portable, reduce_scene, reductions
 from thirdbody.studies.cost import percent
-from thirdbody.studies.machine_info import machine
-from thirdbody.studies.nudge import NUDGE
-from thirdbody.studies.reduced_scene import reduce_scene
-from thirdbody.studies.study_setup import save
-from thirdbody.studies.worker_process import RUNS, SCENE_FILE, in_process
+from thirdbody.studies.cost_runs import time_point
+from thirdbody.studies.folder import RUNS, SCENE_FILE
+from thirdbody.studies.point import DONE, Point, run_point
+from thirdbody.studies.timing import NUDGE, Late, machine
+from thirdbody.studies.workers import LocalWorkers
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 EFFECTS_PICTURE = "effects.png"
 """In the folder of the study."""
 
 SECONDS = 2.0
 """Integration time of one run of the copy [s]: some six effects, each in five pairs or, where a run is long, in two."""
+
+LIMIT, LONG, PAIRS = 90.0, 2.0, 5
+"""Time limit of one run [s]; run time above which a run is timed while it also writes its frames, which do not matter there [s];
+least number of pairs."""
 
 APART = f"starts {NUDGE:g} apart: smaller changes mean nothing"
 """What the first row tells where bodies meet."""
@@ -45,101 +58,113 @@ TRIED: Mapping[str, tuple[str, Any, str]] = {
 """Effects and measures of the catalogue that can be switched on, and the trial values."""
 
 
-def effects_study(
-    path: Path, folder: Path, settings: Mapping[str, Any], plugins: Sequence[str | Path], repeats: int,
-    log: Callable[[str], None], only: Sequence[str] = (),
-) -> dict[str, Any]:  # fmt: skip
+def effects_study(source: StudySource, repeats: int, log: Callable[[str], None], only: Sequence[str] = ()) -> dict[str, Any]:
     """Return paired ratios of time and the changes, effect by effect. Raises ThirdbodyError for an invalid scene.
 
     `only`: names of effects, and no others are studied; all without any.
     """
-    scene = Scene.load(path, plugins)
-    scene = scene.with_settings(settings) if settings else scene
     log("building the scene and estimating its time")
-    scene, built, reduction = reduce_scene(scene, plugins, SECONDS)
-    reduction = [f"{key} = {value}" for key, value in settings.items()] + reduction
-    save(scene, folder)
-    rows: list[dict[str, Any]] = []
-    left_out: list[str] = []
-    trials = candidates(scene, built, plugins, left_out)
+    whole = source.read()
+    first = prepare(whole, source.plugins)
+    scene, built = reduce_scene(whole, source.plugins, SECONDS, first)
+    reduction = [f"{key} = {value}" for key, value in source.settings.items()]
+    reduction += reductions(whole, first.state.n_bodies, first.settle, scene, built)
+    scene, left_out = portable(scene), list[str]()
+    trials = candidates(scene, built, source.plugins, left_out)
     for name in only:
         if name not in (names := [trial.name for trial in trials]):
             raise UsageError(f"--only {name}: cannot be studied in this scene; {nearest(name, names)}")
+    trials = [trial for trial in trials if not only or trial.name in only]
     if built.state.world.debris_meets:
-        log(f"none: {APART}")
-        rows.append(_compared(folder, "none", APART, {"solver.integrator": built.plan.kind}, plugins, repeats, nudge=1))
-    for trial in [trial for trial in trials if not only or trial.name in only]:
-        log(f"{trial.name}: {trial.what}")
-        changes = {"solver.integrator": built.plan.kind, **trial.changes}  # the integrator stays: only the effect is compared
-        rows.append(_compared(folder, trial.name, trial.what, changes, plugins, repeats) | {"named": trial.named})
-    return {"scene": str(path), "title": scene.title, "machine": machine(), "reduction": reduction, "effects": rows,
+        trials.insert(0, Trial("none", APART, {}, None))
+    source.folder.mkdir(parents=True, exist_ok=True)
+    scene.save(source.folder / SCENE_FILE)
+    rows: list[dict[str, Any]] = []
+    with LocalWorkers(1) as workers:
+        for trial in trials:
+            log(f"{trial.name}: {trial.what}")
+            # the integrator stays: only the effect is compared
+            other = scene.with_settings({"solver.integrator": built.plan.kind, **trial.changes})
+            folder = source.folder.absolute() / RUNS / trial.name.replace(" ", "_")
+            files = tuple(Path(file).absolute() for file in source.plugins)
+            again = int(trial.named is None)  # the same scene from another start
+            pair = [
+                Point(k, folder / str(k), one.to_toml(), Path(), ("integration_time",), files, nudge=k * again)
+                for k, one in enumerate((scene, other))
+            ]
+            row = {"effect": trial.name, "what": trial.what} | _compared(workers, pair, max(repeats, PAIRS))
+            rows.append(row if trial.named is None else row | {"named": trial.named})
+    return {"scene": str(source.scene), "title": scene.title, "machine": machine(), "reduction": reduction, "effects": rows,
             "left_out": left_out}  # fmt: skip
 
 
+def _compared(workers: LocalWorkers, pair: Sequence[Point], repeats: int) -> dict[str, Any]:
+    """Return the ratios of time of two points that are run and then timed alternately, and what the second one changes."""
+    results = [workers.submit(run_point, point).result() for point in pair]
+    bad = next((result for result in reversed(results) if result.status != DONE), None)
+    row: dict[str, Any] = {"ratios": [], "stable": bad is None, "message": "" if bad is None else bad.reason}
+    if bad is not None:
+        return row
+    first = tuple(result.results["integration_time"] for result in results)
+    times = [first] if min(first) > LONG else []
+    while len(times) < repeats and sum(map(sum, times)) < LIMIT:
+        try:
+            times.append(tuple(workers.submit(time_point, point, LIMIT).result()[1] for point in pair))
+        except (Late, ThirdbodyError):
+            break
+    ratios = sorted(b / a for a, b in times if a > 0.0)
+    outcomes = [read_outcome(point.folder) for point in pair]
+    if ratios and outcomes[0] is not None and outcomes[1] is not None:
+        seconds = [statistics.median(column) for column in zip(*times, strict=True)]
+        change = errors(outcomes[1], outcomes[0])
+        row |= {"ratios": ratios, "ratio": statistics.median(ratios), "seconds": seconds, "change": change}
+    return row
+
+
 class Trial(NamedTuple):
-    """One comparison: what is switched, how, the changes to the scene, and whether the scene names it."""
+    """One comparison: what is switched, how, the changes to the scene, and whether the scene names it; None for no change."""
 
     name: str
     what: str
     changes: dict[str, Any]
-    named: bool
+    named: bool | None
 
 
 def candidates(scene: Scene, built: Simulation, plugins: Sequence[str | Path], left_out: list[str]) -> list[Trial]:
     """Return the trial of every effect and measure; those without a sensible value go to `left_out`."""
     from thirdbody.laws.registry import discover
 
-    known, result = discover(tuple(plugins)), []
+    known, result = discover(tuple(plugins)), list[Trial]()
+
+    def switch_on(name: str) -> None:
+        if name in TRIED:
+            key, value, words = TRIED[name]
+            result.append(Trial(name, f"switched on: {words}", {key: value}, False))
+        else:
+            left_out.append(f"{name}: off, and no value to try is known")
+
     on = set(scene.effects.named) | ({"gravity"} if scene.effects.gravity is not None else set())
     for name in known.effects:
         if name in on:
             result.append(Trial(name, "switched off", {f"effects.{name}": None}, True))
         else:
-            _try(name, result, left_out)
+            switch_on(name)
     if built.state.world.debris_meets:
         result.append(Trial("debris-debris contact", "switched off", {"contact.debris_contact": "none"}, True))
     elif scene.contact.debris_contact == "none":
         result.append(Trial("debris-debris contact", "switched on", {"contact.debris_contact": "auto"}, False))
     for name, measure in known.measures.items():
         if name in scene.measures.named:
-            result.append(Trial(name, "switched off", _without(name, scene, known.measures), True))
+            changes: dict[str, Any] = {f"measures.{name}": None}
+            others = [known.measures[other] for other in scene.measures.named if other != name]
+            if scene.measures.cell is not None and not any(amount.map for other in others for amount in other.amounts):
+                changes["measures.cell"] = None  # the cells of the maps, where no other measure has one
+            result.append(Trial(name, "switched off", changes, True))
         elif lacking := [key for key in measure.materials if any(getattr(m, key) is None for m in built.choice.materials)]:
             left_out.append(f"{name}: off, and the materials lack {', '.join(lacking)}")
         else:
-            _try(name, result, left_out)
+            switch_on(name)
     return result
-
-
-def _try(name: str, result: list[Trial], left_out: list[str]) -> None:
-    """Add the trial of an effect or measure that the scene does not name, or the reason why there is none."""
-    if name in TRIED:
-        key, value, words = TRIED[name]
-        result.append(Trial(name, f"switched on: {words}", {key: value}, False))
-    else:
-        left_out.append(f"{name}: off, and no value to try is known")
-
-
-def _without(name: str, scene: Scene, known: Mapping[str, Measure]) -> dict[str, Any]:
-    """Return the changes that remove a measure, with the cells of the maps where no other measure has one."""
-    others = (known[other] for other in scene.measures.named if other != name)
-    mapped = any(amount.map for measure in others for amount in measure.amounts)
-    changes: dict[str, Any] = {f"measures.{name}": None}
-    return changes if mapped or scene.measures.cell is None else changes | {"measures.cell": None}
-
-
-def _compared(
-    folder: Path, name: str, what: str, changes: dict[str, Any], plugins: Sequence[str | Path], repeats: int, nudge: int = 0
-) -> dict[str, Any]:
-    folder_of_runs = folder / RUNS / name.replace(" ", "_")
-    own, other = in_process(folder / SCENE_FILE, folder_of_runs, [{}, changes], plugins, max(repeats, 5), nudge)
-    ratios = sorted(b / a for a, b in zip(own["cpu"], other["cpu"], strict=False) if a > 0.0)
-    row: dict[str, Any] = {"effect": name, "what": what, "ratios": ratios, "stable": other["stable"], "message": other["message"]}
-    if ratios and other["stable"] and own["stable"]:
-        first, second = read_outcome(folder_of_runs / "0"), read_outcome(folder_of_runs / "1")
-        assert first is not None and second is not None  # both finished
-        seconds = [statistics.median(one["cpu"]) for one in (own, other)]
-        row |= {"ratio": statistics.median(ratios), "seconds": seconds, "change": errors(second, first)}
-    return row
 
 
 def print_effects(message: dict[str, Any]) -> None:
@@ -161,3 +186,106 @@ def print_effects(message: dict[str, Any]) -> None:
     failed = [f"{row['effect']}: {row['message'].splitlines()[0]}" for row in message["effects"] if "ratio" not in row]
     for line in [*failed, *message["left_out"]]:
         print_line(line)
+
+
+CHANGES = {  # in `studies.compare.errors`: label, colour, marker
+    "friction_error": ("friction (rms)", LINE_COLORS["blue"], "o"),
+    "load_error": ("load or gap (rms)", LINE_COLORS["sky"], "P"),
+    "label_difference": ("labels that differ", LINE_COLORS["vermilion"], "s"),
+    "dissipation_error": ("dissipated energy", LINE_COLORS["green"], "D"),
+}
+ON, OFF = LINE_COLORS["black"], LINE_COLORS["purple"]
+"""Colours of times: of what the scene names, and of what it does not."""
+
+NOTHING = 1e-6
+"""Smaller changes are drawn at this value, at the edge."""
+
+
+def draw_effects(report: dict[str, Any], *paths: Path) -> None:
+    """Write the picture of the result of `effects_study` (.png, .pdf or .svg). Raises OutputError when it cannot be written."""
+    from thirdbody.plot.figures import save
+
+    figure = picture(report)
+    for path in paths:
+        save(figure, path)
+
+
+def with_over_without(row: dict[str, Any]) -> list[float]:
+    """Return the time with the effect over that without it, pair by pair: the ratios of a row, or their inverses."""
+    return [1.0 / ratio if row.get("named") else ratio for ratio in row["ratios"]]
+
+
+def picture(report: dict[str, Any]) -> Figure:
+    """Return the picture as a matplotlib figure: one line per effect or measure, the most expensive first."""
+    from matplotlib.figure import Figure
+
+    rows = [row for row in report["effects"] if "ratio" in row]
+    # from below, the first: starts a little apart
+    rows.sort(key=lambda row: ("named" in row, statistics.median(with_over_without(row))))
+    figure = Figure(figsize=(8.27, 2.1 + 0.34 * len(rows)), layout="constrained")
+    time, change = figure.subplots(1, 2, sharey=True)
+    for axes in (time, change):
+        axes.grid(True, axis="x", alpha=0.25, linewidth=0.6)
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.tick_params(labelsize=8)
+    _times(time, rows)
+    _changes(change, rows)
+    time.set_yticks(range(len(rows)), [f"{row['effect'].replace('_', ' ')}{_words(row)}" for row in rows])
+    time.set_ylim(-0.6, len(rows) - 0.4)
+    _texts(figure, time, report, rows)
+    return figure
+
+
+def _words(row: dict[str, Any]) -> str:
+    """Return whether the scene has it."""
+    if "named" not in row:
+        return " (scene twice)"
+    return " (in the scene)" if row["named"] else " (tried)"
+
+
+def _times(axes: Any, rows: list[dict[str, Any]]) -> None:
+    axes.axvline(1.0, color=SOFT_INK, linewidth=1.0, linestyle="-.", zorder=1)
+    for y, row in enumerate(rows):
+        ratios = with_over_without(row)
+        color = ON if row.get("named", True) else OFF
+        axes.plot(ratios, [y] * len(ratios), "|", color=color, markersize=7.0, alpha=0.6, zorder=2)
+        middle = statistics.median(ratios)
+        axes.plot([middle], [y], "o", color=color, markersize=5.5, zorder=3)
+        axes.annotate(f"{middle:.2f}", (middle, y), xytext=(0, 6), textcoords="offset points", ha="center", fontsize=7, color=INK)
+    axes.set_xscale("log")
+    axes.margins(x=0.1)
+    low, high = axes.get_xlim()
+    ticks = [
+        step * 10.0**power for power in range(-3, 4) for step in ((1, 2, 5) if high / low > 4.0 else (0.8, 1, 1.2, 1.5, 2, 3, 5))
+    ]
+    axes.set_xticks([tick for tick in ticks if low <= tick <= high])
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.minorticks_off()
+    axes.set_xlabel("time with it over time without, pairs", fontsize=9)
+
+
+def _changes(axes: Any, rows: list[dict[str, Any]]) -> None:
+    for name, (label, color, marker) in CHANGES.items():
+        known = [(row["change"][name], y) for y, row in enumerate(rows) if not math.isnan(row["change"][name])]
+        if known:
+            values, heights = zip(*known, strict=True)
+            axes.plot([max(value, NOTHING) for value in values], heights, marker, color=color, markersize=6.0, label=label,
+                      markeredgecolor="white", markeredgewidth=0.6, linestyle="none", clip_on=False, zorder=3)  # fmt: skip
+    axes.set_xscale("log")
+    axes.set_xlim(left=NOTHING)
+    axes.set_xlabel(f"relative change ({NOTHING:g} and less at the edge)", fontsize=9)
+
+
+def _texts(figure: Any, axes: Any, report: dict[str, Any], rows: list[dict[str, Any]]) -> None:
+    machine = report["machine"]
+    seconds = statistics.median([row["seconds"][0] for row in rows]) if rows else math.nan
+    failed = [f"{row['effect']} ({row['message'].splitlines()[0]})" for row in report["effects"] if "ratio" not in row]
+    lines = [
+        f"Computed: {'; '.join(report['reduction']) or 'the whole scene'}; {seconds:.2g} s of one core, {machine['cpu']}.",
+        *(f"Failed: {textwrap.shorten(words, 130, placeholder=' ...')}" for words in failed),
+    ]
+    figure.suptitle(f"What effects cost and change: {report['title'] or report['scene']}", fontsize=12, fontweight="bold", x=0.01,
+                    ha="left", color=INK)  # fmt: skip
+    text = "\n".join(line for one in lines for line in textwrap.wrap(one, 90))
+    axes.set_title(text, loc="left", fontsize=8, color=SOFT_INK)
+    figure.legend(fontsize=8, frameon=False, loc="outside lower right", ncols=4)

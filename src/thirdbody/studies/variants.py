@@ -1,5 +1,6 @@
 """Variants of a scene for a study of accuracy: contact law, springs, time step and integrator, one changed at a time."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -9,7 +10,10 @@ from thirdbody.laws.contract import LawFamily
 from thirdbody.scene.model import Scene
 from thirdbody.scene.speed import at_speed
 from thirdbody.scene.tables import IMPLICIT_KEYS
-from thirdbody.studies.nudge import NUDGE
+from thirdbody.studies.timing import NUDGE
+
+Law = tuple[str, int | None]
+"""Level and its springs."""
 
 SPRINGS = (8, 16, 32, 64, 128)
 """Springs of a level that has that option."""
@@ -43,17 +47,13 @@ be too costly.
 """
 
 
-Law = tuple[str, int | None]
-"""Level and its springs."""
-
-
 @dataclass(frozen=True)
 class Base:
     """Settings of the scene itself.
 
     `kind`: its integrator; `level`, `springs` (None without that option); `step`: the time step of the explicit integrator [s],
-    the smallest automatic one; `tolerance` of the implicit one; `meets`: bodies have contact with each other; `sheared_bed`: the
-    same in the explicit integrator, under a plate that moves.
+    the smallest automatic one (NaN where only the implicit one is compiled); `tolerance` of the implicit one; `meets`: bodies
+    have contact with each other; `sheared_bed`: the same in the explicit integrator, under a plate that moves.
     """
 
     kind: str
@@ -85,6 +85,53 @@ class Variant:
     speed: float = 1.0
     nudge: int = 0
 
+    @property
+    def law(self) -> Law:
+        """Level and springs."""
+        return self.level, self.springs
+
+    def step(self, base: Base) -> float:
+        """Return its time step [s], or its tolerance."""
+        return self.factor * (base.step if self.integrator == "explicit" else base.tolerance)
+
+
+@dataclass
+class Costs:
+    """Measured seconds of one core of runs of a copy with its own step; `other`: expected with the other integrator.
+
+    `laws`: by law and integrator.
+    """
+
+    base: Base
+    own: float
+    finest: Law
+    other: float
+    laws: dict[tuple[Law, str], float]
+
+    def key(self, variant: Variant) -> tuple[Law, str]:
+        """Return what decides on the time of a step."""
+        return variant.law, variant.integrator
+
+    def of(self, variant: Variant) -> float:
+        """Return the expected seconds of a variant: proportional to the number of steps, measured for its law or estimated."""
+        own = (self.base.level, self.base.springs)
+        seconds = self.laws.get(self.key(variant), math.nan)
+        if math.isnan(seconds) and variant.integrator != self.base.kind:
+            seconds = self.other
+        elif math.isnan(seconds):
+            seconds = self.own * self._usual(variant.law) / self._usual(own)
+        seconds /= min(variant.speed, 1.0)  # a faster plate saves nothing while the debris settles
+        return seconds / (variant.factor if variant.integrator == "explicit" else variant.factor**0.5)
+
+    def _usual(self, law: Law) -> float:
+        """Return the usual time of a law over that of one without springs."""
+        return 1.0 + law[1] / 8.0 if law[1] is not None else 15.0 if law == self.finest else 1.0
+
+    def learn(self, variant: Variant, seconds: float) -> None:
+        """Use the measured seconds of a variant."""
+        if variant.factor == variant.speed == 1.0 and variant.axis in ("law", "integrator"):
+            self.laws[self.key(variant)] = seconds
+
 
 def variants_of(scene: Scene, family: LawFamily, base: Base) -> list[Variant]:
     """Return some 18 variants of a scene; the last one is the reference: the finest law and the finest steps.
@@ -101,36 +148,44 @@ def variants_of(scene: Scene, family: LawFamily, base: Base) -> list[Variant]:
     own, finest = (base.level, base.springs), laws[-1]
 
     def variant(axis: str, law: Law, kind: str, factor: float = 1.0) -> Variant:
-        words = [_law_name(*law)] + ([kind] if kind != base.kind else [])
-        words += [_factor_name(kind, factor)] if factor != 1.0 else []
+        level, springs = law
+        words = [level if springs is None else f"{level} {springs}"] + ([kind] if kind != base.kind else [])
+        if factor != 1.0:
+            what = "step" if kind == "explicit" else "tolerance"
+            words.append(f"{what} x{factor:g}" if factor > 1.0 else f"{what} /{1.0 / factor:g}")
         default = axis == "law" and law == own
         changes = {**_law_changes(scene, family, law), **_step_changes(base, kind, factor)}
         if law == finest and (law != own or axis == "reference"):
-            changes |= _resolved(scene, family, law[0])
+            known = _options_of(family, level) & set(CURVES)
+            changes |= {f"contact.{key}": max(CURVES[key], scene.contact.options.get(key, CURVES[key])) for key in known}
         return Variant(", ".join(words), axis, *law, kind, factor, default, axis == "reference", changes)
 
     variants = [variant("law", law, base.kind) for law in laws]
     variants += [variant("step", own, base.kind, factor) for factor in FACTORS[base.kind]]
-    variants += [variant("integrator", own, other, factor) for factor in AROUND[other]]
+    known = other == "implicit" or not math.isnan(base.step)
+    variants += [variant("integrator", own, other, factor) for factor in (AROUND[other] if known else (1.0,))]
     variants += _speeds(variant("speed", own, base.kind), scene) if base.sheared_bed else []
-    variants += _of_meeting(variant("nudged", own, base.kind)) if base.meets else []
+    if base.meets:
+        same = variant("nudged", own, base.kind)
+        starts = [(f"{same.name}, start {NUDGE:g} apart ({number})", number) for number in range(1, NUDGED + 1)]
+        variants += [replace(same, name=name, nudge=number) for name, number in starts]
+        alone = {**same.changes, "contact.debris_contact": "none"}
+        variants.append(replace(same, axis="meeting", name=f"{same.name}, bodies do not meet", changes=alone))
     if own != finest:
         variants += [variant("fine", finest, base.kind, factor) for factor in FINE[base.kind]]
     return [*variants, variant("reference", finest, base.kind, FINEST[base.kind])]
-
-
-def _of_meeting(own: Variant) -> list[Variant]:
-    """Return a variant from displaced starts, and without contact between bodies."""
-    starts = [replace(own, name=f"{own.name}, start {NUDGE:g} apart ({number})", nudge=number) for number in range(1, NUDGED + 1)]
-    changes = {**own.changes, "contact.debris_contact": "none"}
-    return [*starts, replace(own, axis="meeting", name=f"{own.name}, bodies do not meet", changes=changes)]
 
 
 def _speeds(own: Variant, scene: Scene) -> list[Variant]:
     """Return a variant at other speeds of the upper plate, but for those that the scene cannot have."""
     variants = []
     for speed in SPEEDS:
-        changes = {**own.changes, **_speed_changes(scene, speed)}
+        old, new = (entry.document() for entry in (scene, at_speed(scene, speed)))
+        tables = {"plates.upper": (old["plates"]["upper"], new["plates"]["upper"])}
+        tables |= {table: (old[table], new[table]) for table in ("solver", "output")}
+        changes = dict(own.changes)
+        for table, (before, after) in tables.items():
+            changes |= {f"{table}.{key}": value for key, value in after.items() if before.get(key) != value}
         try:
             scene.with_settings(changes)
         except InputError:  # a wanted inertial number beyond its range
@@ -138,19 +193,6 @@ def _speeds(own: Variant, scene: Scene) -> list[Variant]:
         name = f"{own.name}, speed {f'x{speed:g}' if speed > 1.0 else f'/{1.0 / speed:g}'}"
         variants.append(replace(own, name=name, speed=speed, changes=changes))
     return variants
-
-
-def _speed_changes(scene: Scene, speed: float) -> dict[str, Any]:
-    """Return the keys that `at_speed` changes."""
-    old, new = (entry.document() for entry in (scene, at_speed(scene, speed)))
-    tables = {"plates.upper": (old["plates"]["upper"], new["plates"]["upper"])}
-    tables |= {table: (old[table], new[table]) for table in ("solver", "output")}
-    return {
-        f"{table}.{key}": value
-        for table, (before, after) in tables.items()
-        for key, value in after.items()
-        if before.get(key) != value
-    }
 
 
 def springs_option(family: LawFamily, level: str) -> int | None:
@@ -166,15 +208,6 @@ def _springs_of(family: LawFamily, level: str, base: Base) -> Sequence[int | Non
     return sorted({*SPRINGS, *own})  # type: ignore[type-var]
 
 
-def _law_name(level: str, springs: int | None) -> str:
-    return level if springs is None else f"{level} {springs}"
-
-
-def _factor_name(kind: str, factor: float) -> str:
-    what = "step" if kind == "explicit" else "tolerance"
-    return f"{what} x{factor:g}" if factor > 1.0 else f"{what} /{1.0 / factor:g}"
-
-
 def _options_of(family: LawFamily, level: str) -> set[str]:
     return {option.name for law in family.levels[level] for option in law.options}
 
@@ -188,18 +221,10 @@ def _law_changes(scene: Scene, family: LawFamily, law: Law) -> dict[str, Any]:
     return changes | ({"contact.springs": springs} if springs is not None else {})
 
 
-def _resolved(scene: Scene, family: LawFamily, level: str) -> dict[str, Any]:
-    """Return `CURVES`, as far as the level knows these options, or the scene's own values if larger."""
-    known = _options_of(family, level)
-    return {
-        f"contact.{key}": max(value, scene.contact.options.get(key, value)) for key, value in CURVES.items() if key in known
-    }  # fmt: skip
-
-
 def _step_changes(base: Base, kind: str, factor: float) -> dict[str, Any]:
     """Return the integrator with its step or tolerance times a factor; keys of the other one are removed."""
     if kind == "implicit":
         finer = {} if factor == 1.0 else {"solver.tolerance": factor * base.tolerance}
         return {"solver.integrator": kind, "solver.time_step": "auto", **finer}
-    step = f"{factor * base.step!r} s"
+    step = "auto" if math.isnan(base.step) else f"{factor * base.step!r} s"
     return {"solver.integrator": kind, "solver.time_step": step, **{f"solver.{key}": None for key in IMPLICIT_KEYS}}

@@ -266,8 +266,3 @@ def running_mean(values: np.ndarray, width: int) -> np.ndarray:
     low, high = np.maximum(index - (width - 1) // 2, 0), np.minimum(index + width // 2 + 1, len(values))
     number = counts[high] - counts[low]
     return np.divide(sums[high] - sums[low], number, out=np.full(len(values), np.nan), where=number > 0)
-
-
-def averaged(run: Any) -> np.ndarray:
-    """Return `run.drag.averaged`; goes once no file uses it."""
-    return np.asarray(run.drag.averaged)

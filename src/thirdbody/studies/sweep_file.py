@@ -1,7 +1,10 @@
-"""The definition of a sweep: its file (TOML), the options of `--vary`, or the arguments of `thirdbody.sweep`."""
+"""The definition of a sweep: its file (TOML) with its CSV file of points, the options of `--vary`, or Python arguments."""
 
 from __future__ import annotations
 
+import csv
+import io
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,14 +18,15 @@ from thirdbody.schema.fields import Choice, Count, Seed, Text, Whole, listing
 from thirdbody.schema.parts import MISSING, Location, Part, Wrong, wrongs_of
 from thirdbody.schema.read import Source, read_text, read_toml
 from thirdbody.schema.write import toml_value_text
-from thirdbody.studies.sweep.axes import Axis, Column, lengths_fault, read_column
-from thirdbody.studies.sweep.design import SAMPLED, Settings, design_fault, settings_of_points
-from thirdbody.studies.sweep.results import DEFAULT
+from thirdbody.studies.axes import SAMPLED, Axis, Column, Settings, design_fault, lengths_fault, read_column, settings_of_points
+from thirdbody.studies.results import DEFAULT
 
 VERSION = 1
-INTERVAL_KEYS = {"from", "to", "count", "scale"}
 SET_BY = ("vary", "together", "points")
 """Keys that give the points: at least one of the first two, or the third."""
+
+_HEADING = re.compile(r"(?P<key>[^\[]+?)\s*(?:\[(?P<unit>[^\]]*)\])?")
+_INDEX = re.compile(r"\[(\d+)\]")
 
 
 class SweepFile(Part):
@@ -145,7 +149,7 @@ def sweep_of_python(vary: Any, options: Mapping[str, Any]) -> Definition:
 
 
 def saved_definition(document: Mapping[str, Any]) -> Definition:
-    """Return the sweep whose plan `sweep_folder.save_plan` has saved: its points with the axes that they came from."""
+    """Return the sweep whose plan `folder.save_plan` has saved: its points with the axes that they came from."""
     keys = {"results": list(document["results"]), "keep": document["keep"]}
     points = tuple(dict(point["settings"]) for point in document["points"])
     design, lengths = document["design"], document["lengths"]
@@ -177,15 +181,15 @@ def _definition(
     if wrongs:
         raise InputError(source.in_order(wrongs))
     if tables.points and not points and from_file:
-        from thirdbody.studies.sweep.points_csv import read_points
-
         points = tuple(read_points(folder / tables.points))
     elif not tables.points:
         points = tuple(settings_of_points(tables.design, axes, tables.samples, tables.seed))
     if not points:
         raise InputError(source.fault(("points",), "no points"))
     design = "points" if tables.points else tables.design
-    return Definition(tables, axes or _axes_of_points(points), points, source, folder, from_file, design)
+    keys = dict.fromkeys(key for point in points for key in point)  # of a list of points: axes without values
+    axes = axes or tuple((Column(key, (), ("points",)),) for key in keys)
+    return Definition(tables, axes, points, source, folder, from_file, design)
 
 
 def _axes(tables: SweepFile, report: Any) -> Iterator[Axis]:
@@ -221,18 +225,46 @@ def _leaves(table: Mapping[str, Any], location: Location, path: str = "") -> Ite
     """Yield place, key and values: tables within tables are paths, as `pairs.0.friction = [0.1, 0.2]` gives them."""
     for name, value in table.items():
         key, inner = (f"{path}.{name}" if path else str(name)), (*location, name)
-        if isinstance(value, Mapping) and value and not _is_interval(value):
+        # an interval has an end, or no lists and tables inside
+        interval = isinstance(value, Mapping) and (
+            bool({"from", "to"} & set(value)) or not any(isinstance(entry, list | Mapping) for entry in value.values())
+        )
+        if isinstance(value, Mapping) and value and not interval:
             yield from _leaves(value, inner, key)
         else:
             yield inner, key, value
 
 
-def _is_interval(table: Mapping[str, Any]) -> bool:
-    """Return whether a table gives an interval, not keys of the scene: it has an end, or no lists and tables inside."""
-    return bool({"from", "to"} & set(table)) or not any(isinstance(value, list | Mapping) for value in table.values())
+def read_points(path: Path) -> list[Settings]:
+    """Return the settings of each row of a CSV file, keys of the scene in its header, values as a sweep file gives them.
 
-
-def _axes_of_points(points: Sequence[Settings]) -> tuple[Axis, ...]:
-    """Return the keys of a list of points as one axis, without values."""
-    keys = dict.fromkeys(key for point in points for key in point)
-    return tuple((Column(key, (), ("points",)),) for key in keys)
+    A unit stands in the header, or units in the cells. Raises InputError with all faults.
+    """
+    rows = list(csv.reader(io.StringIO(read_text(path))))
+    if not rows or len(rows) < 2:
+        raise InputError(Fault("", "expected a header with keys of the scene, and a row for each point", str(path)))
+    headings = []
+    for text in rows[0]:  # `plates.upper.load [mN]`; `pairs[0].friction` is a key as well
+        match = _HEADING.fullmatch(_INDEX.sub(r".\1", text.strip()))
+        headings.append((match["key"].strip(), (match["unit"] or "").strip()) if match else ("", ""))
+    faults = [Fault(f"column {k}", "has no key in the header", str(path), 1) for k, (key, _) in enumerate(headings, 1) if not key]
+    twice = {key for key, _ in headings if [other for other, _ in headings].count(key) > 1 and key}
+    faults += [Fault(key, "has two columns", str(path), 1) for key in sorted(twice)]
+    points = []
+    for line, row in enumerate(rows[1:], 2):
+        cells = [cell.strip() for cell in row]
+        if not any(cells):
+            continue
+        if len(row) != len(headings):
+            faults.append(Fault("", f"{len(row)} cells, the header has {len(headings)}", str(path), line))
+            continue
+        point: Settings = {}
+        for (key, unit), cell in zip(headings, cells, strict=True):
+            if not cell:
+                faults.append(Fault(key, "the cell is empty", str(path), line))
+            else:
+                point[key] = f"{cell} {unit}" if unit else toml_value(cell)
+        points.append(point)
+    if faults:
+        raise InputError(faults)
+    return points

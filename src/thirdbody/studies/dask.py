@@ -1,18 +1,24 @@
-"""Clients of Dask: of a scheduler at an address, or of a cluster whose workers are jobs of a queue (SLURM, PBS and others).
+"""Points on Dask: of a scheduler at an address, or of a cluster whose workers are jobs of a queue (SLURM, PBS and others).
 
-Dask is imported only where it is used; `pip install "thirdbody[cluster]"` brings it.
+Dask is imported only where it is used; `pip install "thirdbody[cluster]"` brings it. A Dask worker that computed points itself
+could not answer its scheduler while compiled code runs, would end with a point that crashes, and must not run compiled loops in
+several threads. So each thread of a worker has a process, which ends with the worker.
 """
 
 from __future__ import annotations
 
 import logging
+import threading
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future
 from contextlib import contextmanager, suppress
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
 from thirdbody.errors import Fault, InputError, MissingLibrary, UsageError, nearest
+from thirdbody.studies.workers import LocalWorkers
 
 ANSWER = 4.0
 """Longest wait [s] for a scheduler to answer."""
@@ -30,6 +36,34 @@ OF_CLUSTER = ("host", "interface", "protocol", "scheduler_options", "silence_log
 """Arguments of the cluster itself, not of its jobs."""
 
 
+_own = threading.local()
+"""The process of each thread of this Dask worker."""
+
+
+class DaskPoints:
+    """Executor on a Dask client. A call whose worker dies is repeated elsewhere: points are idempotent."""
+
+    def __init__(self, client: Any) -> None:
+        self._executor = client.get_executor(pure=False)
+
+    def submit(self, function: Callable[..., Any], /, *arguments: Any) -> Future[Any]:
+        """Return the future of `function(*arguments, stop)` in a process of a Dask worker."""
+        future: Future[Any] = self._executor.submit(in_process, function, *arguments)
+        return future
+
+
+def in_process(function: Callable[..., Any], *arguments: Any) -> Any:
+    """Return the answer of the process of this thread."""
+    if not hasattr(_own, "workers"):
+        _own.workers = LocalWorkers(1)
+    return _own.workers.submit(function, *arguments).result()
+
+
+def is_dask_client(executor: object) -> bool:
+    """Return whether it is a client of Dask, without importing Dask."""
+    return any(kind.__module__ == "distributed.client" and kind.__name__ == "Client" for kind in type(executor).__mro__)
+
+
 @contextmanager
 def dask_client(address: str | None, cluster: Path | None) -> Iterator[Any]:
     """Yield the client of a scheduler's address, or of a cluster that is started by its file; None without both.
@@ -38,34 +72,19 @@ def dask_client(address: str | None, cluster: Path | None) -> Iterator[Any]:
     """
     if address is not None and cluster is not None:
         raise UsageError("give --dask or --cluster, not both")
-    if address is not None:
-        with _connected(address) as client:
-            yield client
-    elif cluster is not None:
-        with _started(cluster) as client:
-            yield client
-    else:
+    if address is None and cluster is None:
         yield None
-
-
-def is_dask_client(executor: object) -> bool:
-    """Return whether it is a client of Dask, without importing Dask."""
-    return any(kind.__module__ == "distributed.client" and kind.__name__ == "Client" for kind in type(executor).__mro__)
-
-
-def _distributed() -> Any:
-    """Return the module. Raises MissingLibrary."""
+        return
+    settings = None if cluster is None else read_cluster(cluster)
     try:
         import distributed
     except ImportError as error:
         raise MissingLibrary('this needs Dask: pip install "thirdbody[cluster]"') from error
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # connections that are lost are our own messages
-    return distributed
-
-
-@contextmanager
-def _connected(address: str) -> Iterator[Any]:
-    distributed = _distributed()
+    if cluster is not None and settings is not None:
+        with _started(cluster, *settings) as jobs, distributed.Client(jobs, timeout=ANSWER) as client:
+            yield client
+        return
     try:
         client = distributed.Client(address, timeout=ANSWER)
     except (OSError, ValueError, TimeoutError) as error:
@@ -74,15 +93,21 @@ def _connected(address: str) -> Iterator[Any]:
         yield client
 
 
-@contextmanager
-def _started(path: Path) -> Iterator[Any]:
-    queue, settings = read_cluster(path)
-    distributed = _distributed()
-    kind = _cluster_class(queue)
+def _started(path: Path, queue: str, settings: dict[str, Any]) -> Any:
+    """Return the cluster with its jobs submitted, as a context. Raises InputError and MissingLibrary."""
+    try:
+        import dask_jobqueue
+    except ImportError as error:
+        raise MissingLibrary('a cluster file needs dask-jobqueue: pip install "thirdbody[cluster]"') from error
+    kind = getattr(dask_jobqueue, QUEUES[queue])
+    known = set(OF_CLUSTER)  # and the arguments of its jobs
+    for job in kind.job_cls.__mro__[:-1]:
+        known |= set(signature(job.__init__).parameters)
+    known -= {"self", "scheduler", "name", "base_class_kwargs", "config_name"}
     faults = [
-        Fault(f"{queue}.{key}", f"is no argument of {kind.__name__}, {nearest(key, _arguments(kind))}", str(path))
+        Fault(f"{queue}.{key}", f"is no argument of {kind.__name__}, {nearest(key, known)}", str(path))
         for key in settings
-        if key != JOBS and key not in _arguments(kind)
+        if key != JOBS and key not in known
     ]
     if faults:
         raise InputError(faults)
@@ -101,8 +126,7 @@ def _started(path: Path) -> Iterator[Any]:
             cluster.close()
         reason = [line for line in str(error).splitlines() if line][-1]
         raise InputError(Fault(queue, f"no job can be submitted: {reason}", str(path))) from error
-    with cluster, distributed.Client(cluster, timeout=ANSWER) as client:
-        yield client
+    return cluster
 
 
 def read_cluster(path: Path) -> tuple[str, dict[str, Any]]:
@@ -124,21 +148,3 @@ def read_cluster(path: Path) -> tuple[str, dict[str, Any]]:
         raise InputError(faults)
     ((queue, settings),) = tables.items()
     return queue, dict(settings)
-
-
-def _cluster_class(queue: str) -> Any:
-    try:
-        import dask_jobqueue
-    except ImportError as error:
-        raise MissingLibrary('a cluster file needs dask-jobqueue: pip install "thirdbody[cluster]"') from error
-    return getattr(dask_jobqueue, QUEUES[queue])
-
-
-def _arguments(kind: Any) -> set[str]:
-    """Return the names of the arguments of a class of clusters, those of its jobs included."""
-    from inspect import signature
-
-    names = set(OF_CLUSTER)
-    for job in kind.job_cls.__mro__[:-1]:
-        names |= set(signature(job.__init__).parameters)
-    return names - {"self", "scheduler", "name", "base_class_kwargs", "config_name"}

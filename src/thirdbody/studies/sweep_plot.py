@@ -10,16 +10,14 @@ import numpy as np
 
 from thirdbody.errors import InputError, UsageError, nearest
 from thirdbody.palette import INK, LINE_COLORS, SOFT_INK, STATE_COLORS
-from thirdbody.plot.forecast_plot import check_format
-from thirdbody.studies.sweep.averages import Average, average
-from thirdbody.studies.sweep.results import EVER, FRACTION
+from thirdbody.plot.figures import check_format
+from thirdbody.studies.results import EVER, FRACTION
+from thirdbody.studies.sweep_table import Average, SweepTable, average
 from thirdbody.units import prefix_for
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from thirdbody.studies.sweep.reader import Sweep
 
 CURVES = 6
 """Largest number of values of a second axis that are drawn as curves; more are a map."""
@@ -44,7 +42,7 @@ class Panel(NamedTuple):
 
 
 def draw_sweep(
-    sweep: Sweep, out: Path | None = None, panels: Sequence[str] | None = None, x: str | None = None, y: str | None = None
+    sweep: SweepTable, out: Path | None = None, panels: Sequence[str] | None = None, x: str | None = None, y: str | None = None
 ) -> Figure:
     """Return the picture of a sweep, written to `out` if given. Raises UsageError, InputError and OutputError."""
     from matplotlib.figure import Figure
@@ -65,15 +63,19 @@ def draw_sweep(
         (_draw_map if is_map else _draw_curves)(axes, sweep, shown, panel)
     for axes in grid[len(listed) :]:
         axes.set_visible(False)
-    figure.suptitle(_title(sweep, shown, is_map), fontsize=11, color=INK)
+    lines = [sweep.title or str(sweep.path)]
+    if shown.largest > 1:
+        bars = "" if is_map else "; bars: standard error"
+        lines.append(f"mean over {', '.join(shown.averaged)} ({shown.largest} points{bars})")
+    figure.suptitle("\n".join(lines), fontsize=11, color=INK)
     if out is not None:
-        from thirdbody.plot.summary_page import save
+        from thirdbody.plot.figures import save
 
         save(figure, out)
     return figure
 
 
-def _drawn_axes(sweep: Sweep, x: str | None, y: str | None) -> tuple[str, str | None]:
+def _drawn_axes(sweep: SweepTable, x: str | None, y: str | None) -> tuple[str, str | None]:
     """Return the axes of the picture: those named, else the one or two with the largest number of values that are no seeds."""
     for option, key in (("x", x), ("y", y)):
         if key is not None and key not in sweep.axes:
@@ -82,17 +84,13 @@ def _drawn_axes(sweep: Sweep, x: str | None, y: str | None) -> tuple[str, str | 
         return x, y
     first = {column.axis: column for column in reversed(sweep.columns)}  # of keys that move together the first one
     numbers = [column.key for _, column in sorted(first.items()) if not any(isinstance(value, str) for value in column.values)]
-    free = [key for key in numbers if not _is_seed(key)] or numbers or list(sweep.axes)
+    free = [key for key in numbers if _short(key) != "seed"] or numbers or list(sweep.axes)
     counts = {key: len(set(sweep.column(key))) for key in free if key != y}
     chosen = sorted(counts, key=lambda key: -counts[key])[:2]  # stable: the first of equal ones
     return chosen[0], y if y is not None or len(chosen) < 2 else chosen[1]
 
 
-def _is_seed(key: str) -> bool:
-    return key.rpartition(".")[2] == "seed"
-
-
-def _panels(sweep: Sweep, shown: Average, names: Sequence[str] | None) -> list[Panel]:
+def _panels(sweep: SweepTable, shown: Average, names: Sequence[str] | None) -> list[Panel]:
     """Return the panels: those named, else friction and the states."""
     known = list(sweep.results)
     for name in names or ():
@@ -120,15 +118,7 @@ def _words(name: str) -> str:
     return name.replace("_", " ")
 
 
-def _title(sweep: Sweep, shown: Average, is_map: bool) -> str:
-    lines = [sweep.title or str(sweep.path)]
-    if shown.largest > 1:
-        averaged = ", ".join(shown.averaged)
-        lines.append(f"mean over {averaged} ({shown.largest} points{'' if is_map else '; bars: standard error'})")
-    return "\n".join(lines)
-
-
-def _draw_curves(axes: Axes, sweep: Sweep, shown: Average, panel: Panel) -> None:
+def _draw_curves(axes: Axes, sweep: SweepTable, shown: Average, panel: Panel) -> None:
     """Draw each result over x: a curve per value of y, which has a colour; states have theirs."""
     factor, unit = _scale(shown.x, sweep.axes[shown.x_key])
     for name in panel.results:
@@ -152,7 +142,7 @@ def _draw_curves(axes: Axes, sweep: Sweep, shown: Average, panel: Panel) -> None
         axes.legend(fontsize=7.5, frameon=False)
 
 
-def _style(name: str, number: int, panel: Panel, shown: Average, sweep: Sweep, value: Any) -> dict[str, Any]:
+def _style(name: str, number: int, panel: Panel, shown: Average, sweep: SweepTable, value: Any) -> dict[str, Any]:
     """Return colour, marker and label of a curve: with several results colour means the state, else the value of y."""
     markers, lines = "osD^vP", ("-", "--", ":", "-.", (0, (5, 1)), (0, (1, 1)))
     several = len(panel.results) > 1
@@ -167,7 +157,7 @@ def _style(name: str, number: int, panel: Panel, shown: Average, sweep: Sweep, v
             "label": ", ".join(words) or None}  # fmt: skip
 
 
-def _draw_map(axes: Axes, sweep: Sweep, shown: Average, panel: Panel) -> None:
+def _draw_map(axes: Axes, sweep: SweepTable, shown: Average, panel: Panel) -> None:
     """Draw a result over x and y: cells of a grid, or coloured points where they form none."""
     [name] = panel.results
     values = shown.values[name]

@@ -12,7 +12,7 @@ from thirdbody.errors import nearest
 from thirdbody.trajectory.names import BED, SERIES
 
 if TYPE_CHECKING:
-    from thirdbody.trajectory.reader import Run
+    from thirdbody.trajectory.run_file import RunFile as Run
 
 FRACTION, EVER = "fraction_", "fraction_ever_"
 """Beginnings of the names of results with a state: `fraction_rolling`, `fraction_ever_rolling`."""
@@ -25,7 +25,7 @@ STATES = "fractions"
 DEFAULT = ("friction_coefficient", "friction_coefficient_error", STATES, "fraction_ever_rolling", "load", "energy_residual",
            "wall_time")  # fmt: skip
 
-TIMES = ("seconds", "wall_time")
+TIMES = ("seconds", "wall_time", "integration_time")
 """Columns of a table that differ from computation to computation; all others have the same bits."""
 
 
@@ -39,19 +39,12 @@ class Result(NamedTuple):
 
 def _load(run: Run, _stored: Stored) -> float:
     """Return the mean load over the frames that the friction coefficient averages [N]."""
-    from thirdbody.trajectory.friction import averaged
-
-    force = run.series["upper_force"][:, 2]
-    frames = averaged(run)
+    force, frames = run.series["upper_force"][:, 2], run.drag.averaged
     return float(force[frames].mean()) if frames.any() else float(force[-1])
 
 
 def _stored_value(name: str) -> Callable[[Run, Stored], float]:
-    return lambda _run, stored: _number(stored.get(name))
-
-
-def _number(value: Any) -> float:
-    return math.nan if value is None else float(value)
+    return lambda _run, stored: math.nan if stored.get(name) is None else float(stored[name])
 
 
 def _last(name: str) -> Callable[[Run, Stored], float]:
@@ -83,6 +76,7 @@ RESULTS: dict[str, Result] = _SERIES | {
     "frames": Result("1", "Number of frames.", _stored_value("frames")),
     "steps": Result("1", "Number of steps.", _stored_value("steps")),
     "wall_time": Result("s", "Wall time of the run, without building its scene.", _stored_value("wall_time")),
+    "integration_time": Result("s", "Processor time of the steps alone, without frames.", _stored_value("integration_time")),
 }  # fmt: skip
 """All results but those of states, by name."""
 

@@ -1,31 +1,37 @@
-"""From the definition of a sweep to its points: every scene resolved and checked before anything runs."""
+"""From the definition of a sweep to its points, every scene resolved and checked before anything runs; what they would cost."""
 
 from __future__ import annotations
 
+import math
+import os
 import re
+import statistics
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from thirdbody import units
-from thirdbody.errors import SETTINGS, Fault, InputError
+from thirdbody.errors import SETTINGS, Fault, InputError, ThirdbodyError
 from thirdbody.scene.model import Scene
 from thirdbody.schema.fields import plain
 from thirdbody.schema.write import toml_text, toml_value_text
-from thirdbody.studies.sweep.axes import fault_of_axis
-from thirdbody.studies.sweep.code_version import code_version, point_name
-from thirdbody.studies.sweep.design import Settings
-from thirdbody.studies.sweep.point import Point
-from thirdbody.studies.sweep.results import unknown, with_states
-from thirdbody.studies.sweep.sweep_file import Definition
-from thirdbody.units import DIMENSIONS
+from thirdbody.studies.axes import Settings
+from thirdbody.studies.point import DONE, Point, code_version, point_name, read_result
+from thirdbody.studies.results import unknown, with_states
+from thirdbody.studies.sweep_file import Definition
+from thirdbody.system.processes import cores
+from thirdbody.system.terminal import print_line
+from thirdbody.units import DIMENSIONS, duration, file_size
 
 POINTS = "points"
 """Folder of the points within that of a sweep."""
 
 MAX_FAULTS = 1000
 """Number of different faults after which no more points are checked."""
+
+TRIALS = 5
+"""Largest number of points of which the cost is estimated, spread evenly over the sweep."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +69,12 @@ def make_plan(base: Scene, definition: Definition, folder: Path, plugins: Iterab
     """Return the points of a sweep in a folder. Raises InputError with all faults of all points."""
     files = tuple(Path(file).absolute() for file in plugins)
     faults: dict[tuple[str, str], Fault] = {}
-    base = _with_settings(base, definition, faults)
+    given = {key: definition.setting(key, plain(value)) for key, value in _paths(definition.tables.settings)}
+    try:
+        base = base.with_settings(given) if given else base
+    except InputError as error:
+        for fault in error.faults:
+            faults[fault.key, fault.message] = definition.fault(("settings", fault.key), fault.message)
     checker = _Checker(definition, files, faults)
     listed = [
         {key: definition.setting(key, plain(value)) for key, value in point.items()} for point in definition.points
@@ -86,19 +97,6 @@ def make_plan(base: Scene, definition: Definition, folder: Path, plugins: Iterab
     design = definition.design
     lengths = tuple(axis[0].count or 0 for axis in definition.axes) if design == "grid" else ()
     return Plan(base.title, base.to_toml(), design, lengths, columns, tuple(points), tuple(listed))
-
-
-def _with_settings(base: Scene, definition: Definition, faults: dict[tuple[str, str], Fault]) -> Scene:
-    """Return the scene with the settings of all points; their faults are collected."""
-    given = {key: definition.setting(key, plain(value)) for key, value in _paths(definition.tables.settings)}
-    if not given:
-        return base
-    try:
-        return base.with_settings(given)
-    except InputError as error:
-        for fault in error.faults:
-            faults[fault.key, fault.message] = definition.fault(("settings", fault.key), fault.message)
-        return base
 
 
 def _paths(table: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
@@ -158,10 +156,11 @@ class _Checker:
 
     def _placed(self, fault: Fault, settings: Settings, number: int) -> Fault:
         """Return the fault at the place in the sweep file that it comes from, or with the values of the point."""
-        column = fault_of_axis(self.definition.axes, fault, _words)
-        if column is not None:
-            placed = self.definition.fault(column.location, fault.message)
-            return replace(placed, key=fault.key)
+        location = _words(fault.key)
+        for column in (column for axis in self.definition.axes for column in axis):
+            key = _words(column.key)
+            if location[: len(key)] == key:
+                return replace(self.definition.fault(column.location, fault.message), key=fault.key)
         values = ", ".join(f"{key} = {value}" for key, value in settings.items())
         message = f"{fault.message} (at point {number}: {values})"
         return replace(fault, message=message, file=None if fault.file == SETTINGS else fault.file)
@@ -204,3 +203,86 @@ def _number(value: Any) -> tuple[float, str]:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError("no number")
     return value, "dimensionless"
+
+
+def estimate(plan: Plan, workers: int | None) -> dict[str, Any]:
+    """Return what the missing points of a plan cost, from points that are done or from trials of a few; writes nothing.
+
+    `core_seconds` of one core, `wall_time` [s] on `workers`, `disk` and `memory_per_worker` [bytes]; `measured`: number of points
+    whose time is known, else that of `trials` is estimated; `failures`: trials that cannot start.
+    """
+    saved = {point.number: result for point in plan.points if (result := read_result(point)) is not None}
+    missing = [point for point in plan.points if point.number not in saved]
+    seconds = [result.seconds for result in saved.values() if result.status == DONE]
+    sizes = [size for number in saved if (size := _bytes(plan.points[number].folder))]
+    trials, failures = _trials(missing[:: max(1, math.ceil(len(missing) / TRIALS))])
+    each = statistics.fmean(seconds) if seconds else _mean([float(trial["estimated_wall_time"]) for trial in trials])
+    stored = 1 if plan.points[0].keep == "all" else 0
+    disk = statistics.fmean(sizes) if sizes else stored * _mean([float(trial["disk"]) for trial in trials])
+    count = max(1, min(workers or cores(), len(missing)))
+    total = each * len(missing) if missing else 0.0
+    return {
+        "points": len(plan.points),
+        "done": len(saved),
+        "workers": count,
+        "core_seconds": total,
+        "wall_time": total / count,
+        "disk": int(disk * len(missing)) if missing and math.isfinite(disk) else 0,
+        "memory_per_worker": max((int(trial["memory"]) for trial in trials), default=0),
+        "measured": len(seconds),
+        "trials": len(trials),
+        "failures": failures,
+    }
+
+
+def _trials(points: list[Point]) -> tuple[list[dict[str, Any]], list[str]]:
+    """Return the reports of `thirdbody check` for some points, and why others cannot start."""
+    from thirdbody.report.scene_check import check_report
+    from thirdbody.runner.simulate import prepare, set_threads
+
+    set_threads(1)
+    trials, failures = [], []
+    for point in points:
+        try:
+            trials.append(check_report(prepare(point.parsed(), point.plugins)))
+        except ThirdbodyError as error:
+            failures.append(f"point {point.number}: {error.message}")
+    return trials, failures
+
+
+def _mean(values: list[float]) -> float:
+    known = [value for value in values if math.isfinite(value)]
+    return statistics.fmean(known) if known else math.nan
+
+
+def _bytes(folder: Path) -> int:
+    try:
+        return sum(entry.stat().st_size for entry in os.scandir(folder) if entry.is_file())
+    except OSError:
+        return 0
+
+
+def print_estimate(plan: Plan, cost: Mapping[str, Any], json: bool) -> None:
+    """Print the axes and the cost of a sweep."""
+    from thirdbody.report.tables import print_json, table
+
+    values = {column.key: list(dict.fromkeys(column.values)) for column in plan.columns}
+    if json:
+        axes = [{"key": column.key, "unit": column.unit, "values": values[column.key]} for column in plan.columns]
+        print_json({"title": plan.title, "design": plan.design, "axes": axes, "results": plan.results} | dict(cost))
+        return
+    rows = []
+    for column in plan.columns:
+        texts = [f"{value:g}" if isinstance(value, int | float) else value for value in values[column.key]]
+        shown = ", ".join(texts) if len(texts) <= 8 else f"{', '.join(texts[:3])} ... {texts[-1]} ({len(texts)})"
+        rows.append([column.key, column.unit, shown])
+    table(plan.title, ["axis", "unit", "values"], rows)
+    origin = f"{cost['measured']} points that are done" if cost["measured"] else f"trials of {cost['trials']} points"
+    hours = f"{duration(cost['core_seconds'])} of one core, {duration(cost['wall_time'])} on {cost['workers']} workers"
+    print_line(f"points: {cost['points']}, {cost['done']} of them done already")
+    print_line(f"time: {hours} (from {origin})")
+    print_line(
+        f"disk: {file_size(cost['disk'])}; memory of a worker: about 0.3 GB, and {file_size(cost['memory_per_worker'])} for a run"
+    )
+    for failure in cost["failures"]:
+        print_line(f"warning: {failure}", err=True)

@@ -1,0 +1,230 @@
+"""Axes of a sweep, keys of a scene with their values as a list or an interval; designs: from axes to the values of each point."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from fractions import Fraction
+from itertools import product
+from typing import Annotated, Any, Literal
+
+from pydantic import ValidationError, create_model
+
+from thirdbody import units
+from thirdbody.schema.fields import Choice, Count, as_float, show
+from thirdbody.schema.parts import Location, Part, wrongs_of
+from thirdbody.units import DIMENSIONS
+
+_FIELDS: dict[str, Any] = {
+    "from": (Any, ...),
+    "to": (Any, ...),
+    "count": (Count | None, None),
+    "scale": (Annotated[Literal["linear", "log", "whole"], Choice()], "linear"),
+}
+IntervalTable: Any = create_model("IntervalTable", __base__=Part, **_FIELDS)
+"""Table `{from, to, count, scale}` of a key; `from` is no name in Python, hence the call."""
+
+SAMPLED = ("sobol", "latin_hypercube")
+"""Designs of low-discrepancy or stratified samples of the space of the axes."""
+
+MAX_POINTS = 1_000_000
+"""Largest number of points of a sweep: each is a file at least."""
+
+Settings = dict[str, Any]
+"""Values by key, as `Scene.with_settings` takes them."""
+
+Report = Callable[[Location, str], None]
+"""Takes a fault: its place and its text."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Values from `low` to `high` (SI) of a dimension, or of pure numbers: `count` of them, or sampled where that is None.
+
+    `first`, `last`: the ends as given. `scale`: linear, log, or whole for whole numbers only.
+    """
+
+    low: float
+    high: float
+    dimension: str
+    count: int | None
+    scale: str
+    first: Any
+    last: Any
+
+    def values(self) -> list[Any]:
+        """Return all `count` values, equally far apart; each is the nearest number to the exact one."""
+        count = self.count or 1
+        inner = [self._between(Fraction(k, count - 1)) for k in range(1, count - 1)]
+        return [self.first, *inner, self.last][:count]
+
+    def at(self, fraction: float) -> Any:
+        """Return the value at a fraction, at least 0 and below 1, of the interval."""
+        if self.scale == "whole":  # each as often as the others
+            return int(self.low + math.floor(fraction * (self.high - self.low + 1.0)))
+        return self._between(Fraction(fraction))
+
+    def _between(self, fraction: Fraction) -> Any:
+        if self.scale == "log":
+            value = self.low * (self.high / self.low) ** float(fraction)
+        else:
+            low, high = (Fraction(Decimal(repr(end))) for end in (self.low, self.high))
+            value = float(low + (high - low) * fraction)
+        if self.dimension != "dimensionless":
+            return units.format_si(value, self.dimension)
+        if self.scale == "whole":
+            return round(value)
+        whole = isinstance(self.first, int) and isinstance(self.last, int) and value.is_integer()
+        return int(value) if whole else value
+
+
+@dataclass(frozen=True)
+class Column:
+    """One key of a scene, such as `pairs.0.friction`, its values, and where in the file they are."""
+
+    key: str
+    values: tuple[Any, ...] | Interval
+    location: Location = ()
+
+    @property
+    def count(self) -> int | None:
+        """Number of values; None for an interval to be sampled."""
+        return self.values.count if isinstance(self.values, Interval) else len(self.values)
+
+    def listed(self) -> Sequence[Any]:
+        """Return all values."""
+        return self.values.values() if isinstance(self.values, Interval) else self.values
+
+    def at(self, fraction: float) -> Any:
+        """Return the value at a fraction, at least 0 and below 1, of the interval or list."""
+        if isinstance(self.values, Interval):
+            return self.values.at(fraction)
+        return self.values[int(fraction * len(self.values))]
+
+
+Axis = tuple[Column, ...]
+"""Keys that move together: one dimension of the design."""
+
+
+def read_column(key: str, given: Any, location: Location, report: Report, sampled: bool) -> Column:
+    """Return the column of a key; faults of its values are reported, and leave it without values."""
+    if hasattr(given, "tolist"):
+        given = given.tolist()
+    if isinstance(given, Mapping):
+        interval = _read_interval(given, location, report, sampled)
+        return Column(key, interval if interval is not None else (), location)
+    if isinstance(given, list | tuple):
+        if not given:
+            report(location, "expected at least one value")
+        return Column(key, tuple(given), location)
+    report(location, f"expected a list of values or a table {{from, to, count}}, got {show(given)}")
+    return Column(key, (), location)
+
+
+def _read_interval(given: Mapping[str, Any], location: Location, report: Report, sampled: bool) -> Interval | None:
+    """Return the interval of a table, or None after its faults are reported."""
+    try:
+        table = IntervalTable.model_validate(dict(given))
+    except ValidationError as error:
+        for inner, text in wrongs_of(error):
+            report((*location, *inner), text)
+        return None
+    first, last, count, scale = getattr(table, "from"), table.to, table.count, table.scale
+    if sampled and count is not None:
+        report((*location, "count"), "a sampled design has no count of its own: `samples` gives the number of points")
+    elif not sampled and count is None:
+        report((*location, "count"), "required key is missing: the number of values, such as count = 5")
+    ends = []
+    for key, value in (("from", first), ("to", last)):
+        try:
+            ends.append(_number(value))
+        except ValueError as error:
+            report((*location, key), str(error))
+    if len(ends) < 2:
+        return None
+    (low, dimension), (high, other) = ends
+    fault = ""
+    if dimension != other:
+        phrases = " and ".join(DIMENSIONS[name].phrase for name in (dimension, other))
+        fault = f"{show(first)} and {show(last)} are {phrases}: give both in units of the same kind"
+    elif scale == "whole" and not (isinstance(first, int) and isinstance(last, int) and first <= last):
+        fault = f'scale = "whole" needs ends that are whole numbers, the lower one first, got {show(first)} and {show(last)}'
+    elif scale == "log" and not (low > 0.0 and high > 0.0):
+        fault = f'scale = "log" needs ends above 0, got {show(first)} and {show(last)}'
+    if fault:
+        report(location, fault)
+        return None
+    return Interval(low, high, dimension, count, scale, first, last)
+
+
+def _number(value: Any) -> tuple[float, str]:
+    """Return the value in SI and its dimension. Raises ValueError."""
+    if isinstance(value, str):
+        return units.parse_any(value, tuple(DIMENSIONS))
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(as_float(value)):
+        raise ValueError(f"expected a number or a quantity with its unit, got {show(value)}")
+    return float(value), "dimensionless"
+
+
+def lengths_fault(columns: Sequence[Column]) -> str:
+    """Return the fault of keys that move together with different numbers of values; empty if there is none."""
+    counts = {column.key: column.count for column in columns}
+    if len(set(counts.values())) <= 1:
+        return ""
+    return "moved together, but with " + ", ".join(f"{count or 'sampled'} values of {key}" for key, count in counts.items())
+
+
+def design_fault(design: str, axes: Sequence[Axis], samples: int | None) -> str:
+    """Return what a design lacks, in words; empty for a sound one."""
+    if design in SAMPLED:
+        if samples is None:
+            return f"samples: required key is missing: the number of points of design = '{design}'"
+        if design == "sobol" and samples & (samples - 1):
+            lower = 1 << (samples.bit_length() - 1)
+            return f"samples: Sobol points come in powers of two, such as {lower} or {2 * lower}, got {samples}"
+        count = samples
+    else:
+        if samples is not None:
+            return f"samples: only {' and '.join(SAMPLED)} designs have samples; the counts of a {design} give its points"
+        lengths = {axis[0].key: axis[0].count or 0 for axis in axes}
+        if design == "zip" and len(set(lengths.values())) > 1:
+            listed = ", ".join(f"{key} {count}" for key, count in lengths.items())
+            return f"design: 'zip' takes the values side by side, and their numbers differ: {listed}"
+        count = math.prod(lengths.values()) if design == "grid" else next(iter(lengths.values()), 1)
+    return f"design: {count} points, at most {MAX_POINTS} are computed" if count > MAX_POINTS else ""
+
+
+def settings_of_points(design: str, axes: Sequence[Axis], samples: int | None, seed: int) -> list[Settings]:
+    """Return the settings of all points of a sound design, the last axis running fastest."""
+    if design in SAMPLED:
+        rows = _fractions(design, len(axes), samples or 0, seed)
+        return [
+            {column.key: column.at(fraction) for axis, fraction in zip(axes, row, strict=True) for column in axis} for row in rows
+        ]
+    lists = [[column.listed() for column in axis] for axis in axes]
+    indices = [range(len(columns[0])) for columns in lists]
+    numbers: Any = product(*indices) if design == "grid" else zip(*indices, strict=True)
+    return [
+        {
+            column.key: values[index]
+            for axis, columns, index in zip(axes, lists, row, strict=True)
+            for column, values in zip(axis, columns, strict=True)
+        }
+        for row in numbers
+    ]
+
+
+def _fractions(design: str, dimensions: int, samples: int, seed: int) -> list[list[float]]:
+    """Return points of the unit cube, (samples, dimensions)."""
+    import numpy as np
+    from scipy.stats import qmc
+
+    generator = np.random.default_rng(seed)
+    if design == "sobol":
+        engine: qmc.QMCEngine = qmc.Sobol(dimensions, scramble=True, seed=generator)
+    else:
+        engine = qmc.LatinHypercube(dimensions, seed=generator)
+    rows: list[list[float]] = engine.random(samples).tolist()
+    return rows

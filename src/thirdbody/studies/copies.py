@@ -1,0 +1,332 @@
+"""Smaller copies of a scene, so that all variants of it are computed in a given time; the reductions are reported."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from thirdbody import units
+from thirdbody.assembly.simulation import Simulation
+from thirdbody.atomic_files import write_whole
+from thirdbody.errors import GuardStop, InputError
+from thirdbody.jit.cache import cache_folder
+from thirdbody.scene.model import Scene
+from thirdbody.studies.point import code_version, point_name
+from thirdbody.studies.timing import Late, bare
+from thirdbody.studies.variants import Base, springs_option
+
+FEWEST, FEWEST_THAT_MEET = 16, 50
+"""Least number of bodies left: fewer give poor statistics of states, or, where they meet, meet images of their neighbours."""
+
+MANY = 512
+"""Number of bodies above which a scene is thinned, if it can be, before its time is estimated."""
+
+FRAMES = 20
+"""Least number of outputs left."""
+
+SHORTEST = 0.02
+"""Least fraction of the distance or time left."""
+
+BESIDE = 0.5
+"""Least ratio of the time of the drag to that of settling: a shorter drag saves little, and is all first slip."""
+
+DEAR, LAST, SMALLER, SIZES = 2.5, 60.0, 0.25, 4
+"""Time of a copy, over the one that it was made for, above which a smaller one is made, and above which the trial of the smallest
+ends; how much smaller one is made whose time is not known; number of copies that are tried."""
+
+UNKNOWN = 10.0
+"""Time with the other integrator over that with its own, where it is not known."""
+
+SHORTEST_SETTLING = 0.125
+"""Least fraction of the expected settling time left."""
+
+CLOSE = 0.8
+"""Fraction of its time to which a run must be reduced before its distance is cut: a trial is no more accurate."""
+
+
+class StudySource(NamedTuple):
+    """Scene file with changed settings, its plug-ins, and the folder of the study."""
+
+    scene: Path
+    settings: Mapping[str, Any]
+    folder: Path
+    plugins: Sequence[str | Path]
+
+    def read(self) -> Scene:
+        """Return the scene. Raises InputError."""
+        scene = Scene.load(self.scene, self.plugins)
+        return scene.with_settings(self.settings) if self.settings else scene
+
+
+class Copy(NamedTuple):
+    """A copy of a scene: its TOML with absolute paths, the settings of the scene itself, what was reduced.
+
+    `other`: expected time with the other integrator over that with its own.
+    """
+
+    scene: str
+    base: Base
+    reduction: list[str]
+    other: float
+
+    def document(self) -> dict[str, Any]:
+        """Return it as plain values."""
+        return self._asdict() | {"base": vars(self.base)}
+
+    @classmethod
+    def of(cls, document: Mapping[str, Any]) -> Copy:
+        """Return the copy of a `document`."""
+        return cls(**{**document, "base": Base(**document["base"])})
+
+
+class CopyMemory:
+    """The copy that a study of a scene had, in the folder of compiled code, so that a second study computes the same one."""
+
+    def __init__(self, scene: Scene, plugins: Sequence[str | Path], budget: float) -> None:
+        version = code_version(tuple(Path(file).absolute() for file in plugins))
+        self.name = point_name(scene.to_toml(), scene.document(), scene, version)
+        self.path = cache_folder() / f"cost-{self.name}-{budget:g}.json"
+
+    def read(self) -> Copy | None:
+        """Return the copy of an earlier study, None without one."""
+        with suppress(OSError, ValueError, TypeError, KeyError):
+            return Copy.of(json.loads(self.path.read_bytes()))
+        return None
+
+    def write(self, copy: Copy) -> None:
+        """Store a copy, if that is possible."""
+        with suppress(OSError):
+            write_whole(self.path, json.dumps(copy.document()).encode())
+
+
+def make_copy(source: StudySource, target: float, few: bool, _stop: Callable[[], bool] = lambda: False) -> Copy:
+    """Return a copy of a scene that integrates in about `target` seconds on one core; called in a worker. Raises InputError.
+
+    The copy is run once, without frames, for its time and, where the explicit step is automatic, for the smallest one; a copy
+    whose time is far off is replaced. `few`: with few frames, which take longer to write than a short run to integrate.
+    """
+    from thirdbody.runner.measurements import is_bed
+    from thirdbody.runner.simulate import prepare, set_threads
+    from thirdbody.scene.output import STORED
+
+    scene = source.read()
+    lean: dict[str, Any] = {f"output.{key}": None for key in STORED if key in scene.output.model_fields_set}
+    if few:  # what is compared
+        lean |= {"output.blocks": ["clumps"], "output.arrays": ["quaternion"]}
+    scene = scene.with_settings(lean) if lean else scene
+    set_threads(1)
+    maximum, limit, bodies = target, DEAR * target, sum(getattr(debris, "count", None) or 1 for debris in scene.debris)
+    # building and trying all of them would take a small budget
+    many = thin(scene, bodies, MANY / bodies) if few else {}
+    copy = scene.with_settings(many) if many else scene
+    first = built = prepare(copy, source.plugins)
+    for attempt in range(SIZES):
+        smaller, built = reduce_scene(copy, source.plugins, maximum, built)
+        if attempt and smaller == copy:  # no smaller one can be made
+            limit = LAST * target
+        copy, trial = smaller, prepare(smaller, source.plugins)
+        try:
+            seconds = bare(trial, limit)[1]
+        except Late:
+            seconds = math.inf
+        except GuardStop:  # its run will tell
+            seconds = target
+        if seconds <= DEAR * target or limit > DEAR * target:
+            break
+        maximum = SMALLER * target if math.isinf(seconds) else target
+    base = base_of(copy, built, source.plugins)
+    if few:
+        changes = coarsened(copy, built)
+        copy = copy.with_settings(changes) if changes else copy
+    words = reductions(scene, bodies if many else first.state.n_bodies, first.settle, copy, built)
+    if base.kind == "explicit" and isinstance(copy.solver.time_step, str):
+        if math.isfinite(seconds):
+            base = replace(base, step=min(base.step, float(trial.integrator.summary()["time_step_limit"]["smallest"])))
+        words.append(f"the time step held at {units.pretty(base.step, 'time')}, the smallest that `auto` takes")
+    bed = built.plan.kind == "explicit" and is_bed(built) and scene.plates.moving()
+    base = replace(base, sheared_bed=bed, meets=bool(built.state.world.debris_meets))
+    other = UNKNOWN
+    if (steps := built.plan.steps) is not None:
+        other = steps.gain if built.plan.kind == "implicit" else 1.0 / steps.gain
+    return Copy(portable(copy).to_toml(), base, words, other)
+
+
+def reduce_scene(
+    scene: Scene, plugins: Sequence[str | Path], maximum: float, built: Simulation | None = None
+) -> tuple[Scene, Simulation]:
+    """Return the scene, or a smaller copy that is integrated in `maximum` seconds, and its simulation, after a trial.
+
+    `built`: the simulation of the scene, if there is one.
+    """
+    from thirdbody.runner.simulate import prepare, set_threads
+
+    set_threads(1)
+    built = built or prepare(scene, plugins)
+    if built.plan.estimated:  # a smaller copy might have another one
+        scene = scene.with_settings({"solver.integrator": built.plan.kind})
+    fewest, fraction = FEWEST_THAT_MEET if built.state.world.debris_meets else FEWEST, maximum / seconds_of(built)
+    while changes := thin(scene, built.state.n_bodies, fraction, fewest):
+        try:
+            built, scene = prepare(scene.with_settings(changes), plugins), scene.with_settings(changes)
+        except InputError:  # a domain narrower than its largest bodies need
+            fewest *= 2
+            continue
+        fraction = maximum / seconds_of(built)
+        break
+    if changes := shorten(built, fraction):
+        scene = scene.with_settings(changes)
+        built = prepare(scene, plugins)
+    return scene, built
+
+
+def reductions(scene: Scene, bodies: int, settle: float, copy: Scene, built: Simulation) -> list[str]:
+    """Return in words what a copy, `built` its simulation, omits of a scene with so many bodies and this settling time [s]."""
+    words = []
+    if built.state.n_bodies < bodies:
+        words.append(f"{built.state.n_bodies} of {bodies} bodies, as close as they were")
+    for key, kind, what in (("distance", "length", "way"), ("duration", "time", "time")):
+        whole, left = getattr(scene.solver, key), getattr(copy.solver, key)
+        if whole is not None and left is not None and left < whole:
+            words.append(f"{units.pretty(left, kind)} of {units.pretty(whole, kind)} of the {what}")
+    if copy.solver.settle != scene.solver.settle:
+        words.append(f"{units.pretty(built.settle, 'time')} of {units.pretty(settle, 'time')} of settling")
+    if copy.output.every != scene.output.every:
+        unit = "length" if copy.output.every_kind == "distance" else "time"
+        words.append(f"a frame each {units.pretty(copy.output.every, unit)}")
+    return words
+
+
+def seconds_of(built: Simulation) -> float:
+    """Return the time of a run without its frames on one core [s], from a trial of it; infinite where a guard stops it."""
+    from thirdbody.runner.outlook import expected_integration
+
+    wall, cpu = time.perf_counter(), time.process_time()
+    seconds = float(expected_integration(built)["estimated_step_time"])
+    # time used by other processes is excluded
+    busy = min(1.0, (time.process_time() - cpu) / max(time.perf_counter() - wall, 1e-9))
+    return math.inf if math.isnan(seconds) else max(seconds * busy, 1e-9)
+
+
+def thin(scene: Scene, bodies: int, fraction: float, fewest: int = FEWEST) -> dict[str, Any]:
+    """Return the changes to keep a fraction of the bodies, if it is below 1 and bodies can be omitted.
+
+    They can where bodies are drawn at random, and where a plate that they carry together keeps its pressure: its load, mass and
+    dashpot shrink with the domain, which gets smaller such that the bodies stay as close as they are. The fraction is a power of
+    two: a second study, which measures other times, mostly computes the same copy.
+    """
+    upper = scene.plates.upper
+    drawn = all(getattr(debris, "count", None) and getattr(debris, "placement", "") for debris in scene.debris)
+    if fraction >= 1.0 or bodies <= fewest or not drawn:
+        return {}
+    retained = max(fewest / bodies, _power_of_two(fraction))
+    counts = {k: max(1, round(retained * getattr(debris, "count", 1))) for k, debris in enumerate(scene.debris)}
+    left = sum(counts.values())
+    changes: dict[str, Any] = {f"debris.{k}.count": count for k, count in counts.items()}
+    near = math.sqrt(left / bodies)
+    changes["domain.size"] = [units.format_si(near * side, "length") for side in scene.domain.size]
+    if upper is not None and upper.support != "load_per_particle" and upper.gap is None:
+        if upper.loading is not None and upper.pressure is None:
+            return {}
+        alone = ("mass", "damping") if upper.support == "rigid" else ()
+        for key, kind in {"load": "force", "mass": "mass", "damping": "damping"}.items():
+            value = getattr(upper, key)
+            if value is not None and (key == "load" or key in alone):
+                changes[f"plates.upper.{key}"] = units.format_si(near**2 * value, kind)
+    try:
+        scene.with_settings(changes)
+    except InputError:  # a domain shorter than the waves of its surfaces
+        return {}
+    return changes
+
+
+def _power_of_two(fraction: float) -> float:
+    return 2.0 ** math.floor(math.log2(fraction)) if 0.0 < fraction < math.inf else 1e-9
+
+
+def shorten(built: Simulation, fraction: float) -> dict[str, Any]:
+    """Return the changes to keep a fraction of the time, if it is well below 1.
+
+    A shorter distance (or time) after settling, with the frames closer together; where that does not suffice, shorter settling,
+    down to an eighth. Fractions are powers of two as in `thin`.
+    """
+    solver, output = built.requested.solver, built.requested.output
+    settled = built.settle / built.planned_time
+    if fraction >= CLOSE or settled >= 1.0:
+        return {}
+    fits = _power_of_two(max((fraction - settled) / (1.0 - settled), 0.5 * SHORTEST))
+    calm = 1.0  # what stays of settling
+    shortest = min(1.0, max(SHORTEST, BESIDE * settled / (1.0 - settled)))
+    if solver.distance is not None and solver.settle == "auto" and fraction < 0.5 * (settled + shortest * (1.0 - settled)):
+        calm = max(SHORTEST_SETTLING, _power_of_two(fraction / (settled + shortest * (1.0 - settled))))
+    fraction = min(1.0, max(fits, SHORTEST, BESIDE * calm * settled / (1.0 - settled)))
+    key, kind = ("distance", "length") if solver.distance is not None else ("duration", "time")
+    whole = solver.distance if solver.distance is not None else solver.duration
+    assert whole is not None
+    left = _round(fraction * whole)
+    changes: dict[str, Any] = {f"solver.{key}": units.format_si(left, kind)} if left < whole else {}
+    if calm < 1.0:
+        changes["solver.settle"] = units.format_si(_round(calm * built.settle), "time")
+    span = built.planned_distance if output.every_kind == "distance" else built.scene_time(built.planned_time)
+    every = min(output.every, _round(fraction * span / FRAMES))
+    if every < output.every:
+        changes["output.every"] = units.format_si(every, "length" if output.every_kind == "distance" else "time")
+    return changes
+
+
+def coarsened(scene: Scene, built: Simulation) -> dict[str, Any]:
+    """Return the change to an output interval that leaves `FRAMES` frames, where there are more.
+
+    Writing them takes as long for every variant.
+    """
+    by_length = scene.output.every_kind == "distance"
+    span, unit = (built.planned_distance, "length") if by_length else (built.scene_time(built.planned_time), "time")
+    every = _round(span / FRAMES)
+    if every <= 1.2 * scene.output.every or every > span:
+        return {}
+    return {"output.every": units.format_si(every, unit)}
+
+
+def _round(value: float) -> float:
+    """Round to two digits."""
+    return float(f"{value:.1e}")
+
+
+def base_of(scene: Scene, built: Simulation, plugins: Sequence[str | Path]) -> Base:
+    """Return the settings of the scene itself: its law and springs, its integrator, and the steps of both."""
+    from thirdbody.engine.accuracy import Accuracy
+    from thirdbody.engine.units import EXPLICIT, MARK
+    from thirdbody.runner.simulate import prepare
+    from thirdbody.scene.tables import IMPLICIT_KEYS
+
+    option = springs_option(built.choice.family, built.choice.level)
+    springs = None if option is None else int(scene.contact.options.get("springs", option))
+    step = built.state.dt
+    if built.plan.kind == "implicit":
+        step = math.nan
+        if all((cache_folder() / f"{MARK}{unit}").exists() for unit in EXPLICIT):  # compiling it takes as long as a small study
+            other = {"solver.integrator": "explicit", **{f"solver.{key}": None for key in IMPLICIT_KEYS}}
+            step = prepare(scene.with_settings(other), plugins, force=True).state.dt
+    tolerance = scene.solver.tolerance or Accuracy().tolerance
+    return Base(built.plan.kind, built.choice.level, springs, step, tolerance)
+
+
+def portable(scene: Scene) -> Scene:
+    """Return the scene with absolute paths of the files that it names, which can be saved in any folder."""
+
+    def absolute(file: str | list[str]) -> str | list[str]:
+        return [str(scene.beside(name).absolute()) for name in file] if isinstance(file, list) else absolute([file])[0]
+
+    changes: dict[str, Any] = {
+        f"debris.{k}.{key}": absolute(getattr(debris, key)) for k, debris in enumerate(scene.debris) for key in debris.file_keys
+    }
+    for side in ("lower", "upper"):
+        file = getattr(getattr(getattr(scene.plates, side), "surface", None), "file", None)
+        if file is not None:
+            changes[f"plates.{side}.surface.file"] = absolute(file)
+    return scene.with_settings(changes) if changes else scene

@@ -1,0 +1,227 @@
+"""A point of a study and its run: plain values that any executor can send to another process or machine."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import shutil
+import time
+import traceback
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from functools import cache
+from importlib.metadata import entry_points
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from thirdbody.atomic_files import write_whole
+from thirdbody.errors import InputError, Interrupted, OutputError, ThirdbodyError
+from thirdbody.runner.checkpoint import FILE as CHECKPOINT
+from thirdbody.runner.run_folder import lock_folder
+from thirdbody.scene.model import Scene
+
+if TYPE_CHECKING:
+    from thirdbody.assembly.simulation import Simulation
+    from thirdbody.runner.checkpoint import Checkpoint
+
+RESULT_FILE = "point.json"
+"""In the folder of a point, beside the files of its run: the result, written last."""
+
+WAITING, DONE, FAILED, INTERRUPTED = "waiting", "done", "failed", "interrupted"
+"""Status of a point: not yet run; finished; stopped by a guard, a fault or a lost worker; stopped with a checkpoint."""
+
+LOCKED, POLL = 60.0, 0.2
+"""Time [s] to wait for another process that still writes this point (one whose study was killed ends soon), and interval."""
+
+PACKAGES = ("assembly", "bodies", "engine", "jit", "kernels", "laws", "runner", "scene", "statics", "trajectory")
+"""Packages whose source decides on results."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """One point: everything that `run_point` needs.
+
+    `number` is its row in the table, `folder` that of its run, `scene` the resolved scene as TOML, `scene_folder` the folder of
+    the files that the scene names, `results` the names of the columns to compute, `keep` "all" or "summary": what stays of a
+    finished run; `nudge`: number of the displacement of the start (`timing.nudge`), 0 for none; `deadline`: time at which its
+    run ends with a checkpoint [s of `time.time`].
+    """
+
+    number: int
+    folder: Path
+    scene: str
+    scene_folder: Path
+    results: tuple[str, ...]
+    plugins: tuple[Path, ...] = ()
+    keep: str = "all"
+    nudge: int = 0
+    deadline: float = math.inf
+
+    def parsed(self) -> Scene:
+        """Return the scene."""
+        return Scene.parse(self.scene, "scene.toml", self.scene_folder, self.plugins)
+
+
+@dataclass(frozen=True)
+class PointResult:
+    """Row of a point: `status`, for a failed one `reason`, the exit code of such a run, seconds spent, and results by name.
+
+    `processor`: seconds of the processor, of those spent.
+    """
+
+    number: int
+    status: str
+    reason: str = ""
+    exit_code: int | None = None
+    seconds: float = 0.0
+    results: Mapping[str, float] = field(default_factory=dict)
+    processor: float = 0.0
+
+
+def write_result(point: Point, result: PointResult) -> None:
+    """Write the result into the folder of its point, whole or not at all. Raises OutputError."""
+    path = point.folder / RESULT_FILE
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, json.dumps(asdict(result)).encode())
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
+
+
+def read_result(point: Point) -> PointResult | None:
+    """Return the result in the folder of a point; None where there is none, or one without all columns that are wanted."""
+    try:
+        saved = json.loads((point.folder / RESULT_FILE).read_bytes())
+        result = PointResult(**saved | {"number": point.number})
+    except (OSError, ValueError, TypeError):
+        return None
+    complete = result.status != DONE or set(point.results) <= set(result.results)
+    return result if complete else None
+
+
+def run_point(point: Point, stop: Callable[[], bool] = lambda: False) -> PointResult:
+    """Return the result of a point: the one in its folder, or that of its run, continued from its checkpoint if there is one.
+
+    Never raises for a point that fails. The status is `interrupted`, and nothing is final, where `stop` returned True or the
+    deadline passed (the run then ends with a checkpoint) and where the disk is full (exit code 5).
+    """
+    began, used = time.perf_counter(), time.process_time()
+    if (saved := read_result(point)) is not None:
+        return saved
+    if not _unlocked(point.folder):
+        return PointResult(point.number, FAILED, f"{point.folder}: another process is writing this run", 5)
+    try:
+        result = PointResult(point.number, DONE, "", 0, 0.0, _results(point, stop))
+    except (Interrupted, OutputError) as error:  # a full disk: no property of the point
+        return PointResult(point.number, INTERRUPTED, error.message, error.exit_code, time.perf_counter() - began)
+    except ThirdbodyError as error:
+        result = PointResult(point.number, FAILED, error.message, error.exit_code)
+    except MemoryError as error:
+        result = PointResult(point.number, FAILED, f"not enough memory{f' ({error})' if str(error) else ''}", 5)
+    except Exception as error:  # a bug at one point ends no study
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        reason = f"a bug of thirdbody: {type(error).__name__}: {error} ({Path(where.filename).name}, line {where.lineno})"
+        result = PointResult(point.number, FAILED, reason, 1)
+    result = replace(result, seconds=time.perf_counter() - began, processor=time.process_time() - used)
+    try:
+        write_result(point, result)
+        if result.status == DONE and point.keep == "summary":
+            for path in point.folder.iterdir():
+                if path.name != RESULT_FILE:
+                    shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
+    except OutputError as error:
+        return PointResult(point.number, INTERRUPTED, error.message, error.exit_code, result.seconds)
+    return result
+
+
+def _results(point: Point, stop: Callable[[], bool]) -> dict[str, float]:
+    """Run a point to its end and return its results. Raises ThirdbodyError."""
+    from thirdbody.runner.simulate import execute
+    from thirdbody.studies.results import results_of
+    from thirdbody.studies.timing import attach, nudge
+    from thirdbody.trajectory.run_file import RunFile
+
+    simulation, checkpoint = _simulation(point)
+    if point.nudge and checkpoint is None:
+        nudge(simulation.state, point.nudge)
+    clock = attach(simulation.integrator)
+
+    def ended() -> bool:
+        return stop() or time.time() > point.deadline
+
+    summary = execute(simulation, point.folder, 1, overwrite=checkpoint is None, stop=ended, checkpoint=checkpoint)
+    with RunFile(point.folder) as run:
+        return results_of(run, summary | {"integration_time": clock.cpu}, point.results)
+
+
+def _simulation(point: Point) -> tuple[Simulation, Checkpoint | None]:
+    """Return the simulation of a point, and the checkpoint of its folder if there is one to go on from."""
+    from thirdbody.runner.resume import prepare_resume
+    from thirdbody.runner.simulate import prepare
+
+    if (point.folder / CHECKPOINT).is_file():
+        try:
+            return prepare_resume(point.folder, plugins=point.plugins)
+        except InputError:  # damaged, or of another build of the scene: the point is computed from its start
+            pass
+    return prepare(point.parsed(), point.plugins), None
+
+
+def _unlocked(folder: Path) -> bool:
+    """Wait until no other process writes the run of this point; return False after `LOCKED` seconds."""
+    until = time.perf_counter() + LOCKED
+    while True:
+        try:
+            with lock_folder(folder):
+                return True
+        except OutputError:
+            if time.perf_counter() > until:
+                return False
+        time.sleep(POLL)
+
+
+@cache
+def code_version(plugins: tuple[Path, ...] = ()) -> str:
+    """Return the hash of the source that decides on results: ours, that of installed plug-ins, and plug-in files."""
+    root = Path(__file__).parents[1]
+    files = [file for name in PACKAGES for file in sorted((root / name).rglob("*.py"))]
+    for point in sorted(entry_points(group="thirdbody.plugins"), key=lambda point: point.name):
+        spec = find_spec(point.module.partition(".")[0])
+        if spec is not None and spec.origin:
+            origin = Path(spec.origin)
+            files += sorted(origin.parent.rglob("*.py")) if origin.name == "__init__.py" else [origin]
+    digest = hashlib.sha256()
+    for file in [*files, *plugins]:
+        digest.update(file.read_bytes())
+    return digest.hexdigest()
+
+
+def point_name(text: str, document: Mapping[str, Any], scene: Scene, version: str) -> str:
+    """Return the name of the folder of a point, whose scene is `document`, as TOML `text`: 16 hexadecimal digits.
+
+    It hashes the resolved scene, the files that the scene names, and this version of the program.
+    """
+    digest = hashlib.sha256(f"{version}\n{text}".encode())
+    for name in _named_files(document):
+        path = scene.beside(name)
+        if path.is_file():
+            digest.update(_digest(path.absolute(), path.stat().st_mtime_ns))
+    return digest.hexdigest()[:16]
+
+
+@cache
+def _digest(path: Path, _time: int) -> bytes:
+    return hashlib.sha256(path.read_bytes()).digest()
+
+
+def _named_files(value: Any, key: str = "") -> Iterator[str]:
+    if isinstance(value, Mapping):
+        for name, inner in value.items():
+            yield from _named_files(inner, name)
+    elif isinstance(value, list):
+        for inner in value:
+            yield from _named_files(inner, key)
+    elif isinstance(value, str) and key in ("file", "table"):
+        yield value
