@@ -155,13 +155,6 @@ for type checkers too. The last five are doors."""
 
 FLOOR = {name: number for number, names in enumerate(FLOORS) for name in names.split()}
 
-CIRCLES = [
-    set(names.split()) for names in (
-        "laws.compose laws.contract laws.measures", "report.map_report report.tables",
-    )
-]  # fmt: skip
-"""Files that still import each other; a new circle is refused."""
-
 HEAVY = set("numba vtk vtkmodules pyvista matplotlib h5py scipy pint pandas".split())
 LIGHT = {"__init__", "errors", "units", "runner.progress"}
 """Modules that start with the command, with all of cli, schema, debris, scene and system; they import nothing heavy."""
@@ -257,9 +250,7 @@ def circles() -> Iterator[str]:
             left.extend(after)
         below[start] = reached
     groups = {frozenset(other for other in below[name] if name in below[other]) for name in edges if name in below[name]}
-    for group in groups:
-        if not any(group <= known for known in CIRCLES):
-            yield f"src: imports in a circle: {' '.join(sorted(group))}"
+    yield from (f"src: imports in a circle: {' '.join(sorted(group))}" for group in groups)
 
 
 def facade() -> Iterator[str]:
