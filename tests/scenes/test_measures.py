@@ -182,7 +182,7 @@ def test_check_counts_maps_in_the_disk(runs):
     assert disk == pytest.approx(runs("implicit alone").path.stat().st_size, rel=0.02)
 
 
-def test_picture_of_a_map(runs, tmp_path: Path):
+def test_picture_of_a_map(runs, tmp_path: Path, monkeypatch):
     run = runs("explicit")
     file = run.render(tmp_path / "map.png", plate="upper", color="wear_depth", size=(400, 300))
     with Image.open(file) as image:
@@ -194,7 +194,10 @@ def test_picture_of_a_map(runs, tmp_path: Path):
     depth, ends = (0.0, 5.0, 7.0, 9.0), {"end_time": np.array([1.0, 2.0, 3.0])}
     known = {"map_units": {"wear_depth": "m"}, "cycles": ends, "times": np.arange(4.0)}
     loops = SimpleNamespace(**known, maps=lambda plate, number: {"wear_depth": np.full((2, 2), depth[number])})
+    loops.drag = SimpleNamespace(run=loops)
+    monkeypatch.setattr("thirdbody.trajectory.summary.friction_cycles", lambda drag: ends)
     assert (plate_map(loops, "lower", "wear_depth", None, 10.0)[0] == 20.0).all()
+    monkeypatch.undo()
     for wrong, message in (
         ({"plate": "uper", "color": "wear_depth"}, "did you mean 'upper'"),
         ({"plate": "upper", "color": "wear_dept"}, "did you mean 'wear_depth'"),

@@ -194,7 +194,7 @@ def test_a_changed_scene_is_refused_with_the_difference(copy, monkeypatch):
     ):  # fmt: skip
         with pytest.raises(InputError, match=words):
             prepare_resume(copy, settings)
-    monkeypatch.setattr(thirdbody, "__version__", "0.0.0")  # is told, and no fault
+    monkeypatch.setattr("thirdbody.runner.checkpoint.__version__", "0.0.0")  # is told, and no fault
     assert any("taken up by another version" in text for text in prepare_resume(copy)[0].warnings)
     text = (copy / "scene.toml").read_text()
     (copy / "scene.toml").write_text(text.replace('level = "mindlin"', 'level = "mdr"'))

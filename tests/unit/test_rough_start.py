@@ -89,7 +89,7 @@ def searched(rows, minima):
     with pytest.MonkeyPatch.context() as patch:
         for name in ("is_same", "offset_of", "has_minimum", "set_minimum", "end_minimum"):
             patch.setattr(contacts_of_spheres, name, getattr(contacts_of_spheres, name).py_func)
-        patch.setattr(contacts_of_spheres, "find_minima", find_minima)
+        patch.setattr(contacts_of_spheres.closest_point, "find_minima", find_minima)
         patch.setattr(contacts_of_spheres, "follow", follow)
         contacts_of_spheres.search_all.py_func(0, field, (0.0, 0.0, 0.0), (2.0, 1.0), SimpleNamespace(Q=Q))
     return Q, int(Q[0, surface_contact.MINIMA])

@@ -43,6 +43,9 @@ class Chain:
 
     laws: tuple[Law, ...]
 
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Chain":
+        return self  # nothing of it changes in a run
+
     @cached_property
     def module(self) -> ModuleType:
         """The generated module."""
