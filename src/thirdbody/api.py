@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from thirdbody.system.processes import optional
 from thirdbody.trajectory.open_file import FILE_NAME
 from thirdbody.trajectory.run_file import RunFile
 
@@ -75,10 +76,7 @@ class Run(RunFile):
         ValueError, IndexError, AttributeError
             There is no such table, no such frame, no states, no profiles.
         """
-        try:
-            import pandas
-        except ImportError as error:
-            raise ImportError("to_pandas() needs pandas: pip install pandas") from error
+        pandas = optional("pandas", "to_pandas()")
         from thirdbody.trajectory.columns import table as columns_of
 
         columns = columns_of(self, table, frame)

@@ -16,6 +16,7 @@ from thirdbody.studies.folder import RUNS, read_document, sweep_folder
 from thirdbody.studies.plan import POINTS, AxisColumn
 from thirdbody.studies.point import DONE, WAITING, Point, PointResult, read_result
 from thirdbody.studies.results import result
+from thirdbody.system.processes import optional
 from thirdbody.trajectory.open_file import FILE_NAME
 from thirdbody.trajectory.run_file import RunFile
 
@@ -105,10 +106,7 @@ class SweepTable:
         ImportError
             pandas is not installed; it is needed here only.
         """
-        try:
-            import pandas
-        except ImportError as error:
-            raise ImportError("to_pandas() needs pandas: pip install pandas") from error
+        pandas = optional("pandas", "to_pandas()")
         outcome = {name: [getattr(point, name) for point in self.points] for name in ("status", "reason", "exit_code", "seconds")}
         outcome["exit_code"] = pandas.array(outcome["exit_code"], dtype="Int64")
         data = pandas.DataFrame(
@@ -132,10 +130,7 @@ class SweepTable:
         ImportError
             xarray is not installed; it is needed here only.
         """
-        try:
-            import xarray
-        except ImportError as error:
-            raise ImportError("to_xarray() needs xarray: pip install xarray") from error
+        xarray = optional("xarray", "to_xarray()")
         dimensions, shape = ["point"], [len(self.points)]
         if self.design == "grid":
             names: dict[int, str] = {}

@@ -1,6 +1,7 @@
-"""Processes: cores, Python children, modules from files outside packages, memory of freed tables."""
+"""Processes: cores, Python children, modules from files outside packages and optional ones, memory of freed tables."""
 
 import ctypes
+import importlib
 import importlib.util
 import os
 import sys
@@ -8,6 +9,7 @@ import threading
 from collections.abc import Iterable
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 # Code of a child. The folders come last in its search path, so that nothing in them hides an installed module.
 _START = """\
@@ -98,3 +100,11 @@ def keep_freed_memory() -> None:
         return
     mallopt(_TRIM_THRESHOLD, 2**31 - 1)
     mallopt(_MMAP_MAX, 0)
+
+
+def optional(package: str, user: str) -> Any:
+    """Import a package that thirdbody does not depend on; `user` is what needs it. Raises ImportError with what to install."""
+    try:
+        return importlib.import_module(package)
+    except ImportError as error:
+        raise ImportError(f"{user} needs {package}: pip install {package}") from error

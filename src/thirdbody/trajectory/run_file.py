@@ -17,20 +17,7 @@ from thirdbody.trajectory.summary import map_statistics, run_summary
 
 
 class RunFile(RunArrays):
-    """A run, read from its file on demand; a context manager. Arrays are in SI units.
-
-    F is the number of frames, B that of bodies. Only committed frames are read.
-
-    Parameters
-    ----------
-    path : str or Path
-        Folder of the run, or its `run.vtkhdf`.
-
-    Raises
-    ------
-    InputError
-        The file is missing, damaged or not a run.
-    """
+    """A run, read from its file on demand; `api.Run`, which also draws and exports, documents it."""
 
     @cached_property
     def drag(self) -> Drag:
