@@ -133,6 +133,7 @@ def test_faults_of_measures():
         ('weer = {plates = "1e-15 m3/J"}', "did you mean 'wear'?"),
         ('wear = {bodies = "1e-15 m3/J"}', "required key 'plates' is missing"),
         ('wear = {plates = "1 Pa"}', "is a pressure, expected a wear coefficient"),
+        ('wear = {plates = "1 Pa", bodys = 1}', "is a pressure, expected a wear coefficient"),  # beside an unknown key, too
         ('cell = "1 um"\nflash_temperature = true', "no measure of this scene has a map"),
         ('cell = "1 nm"\nwear = {plates = "1e-15 m3/J"}', "makes 4.8e+09 cells"),
     ):

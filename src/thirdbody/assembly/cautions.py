@@ -335,7 +335,7 @@ def _onset(choice: CompiledPhysics, radius: float) -> str:
     onsets = []
     for pair, row in zip(choice.pairs, choice.rows, strict=True):
         modulus, limit = e_star(pair.a, pair.b), yield_limit(pair.a, pair.b)
-        pressure = row[0].yield_pressure if choice.physics.loss == "plastic" else limit.pressure
+        pressure = getattr(row[0], "yield_pressure", limit.pressure)  # of a plastic law: of its options
         softer = pair.a if pair.a.name == limit.material else pair.b
         speed = yield_speed(modulus, pressure, softer.density)
         onsets.append((yield_force(radius, modulus, pressure), speed, pressure, modulus, f"{pair.a.name}/{pair.b.name}"))

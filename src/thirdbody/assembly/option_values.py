@@ -30,7 +30,8 @@ def effect_values(
         hint = nearest(key, names) or "it has none"
         faults.append(scene.fault((*location, key), f"unknown key, {hint}"))
     # a misspelt option is not also reported as missing
-    return {} if unknown else option_values(scene, effect.options, given, location, faults)
+    options = [option for option in effect.options if not unknown or option.name in given]
+    return option_values(scene, options, given, location, faults)
 
 
 def option_values(

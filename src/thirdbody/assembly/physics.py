@@ -273,7 +273,12 @@ def _effects(
 def _measures(scene: Scene, registry: Registry, faults: list[Fault]) -> tuple[tuple[Measure, ...], dict[str, dict[str, Any]]]:
     chosen, values = _named(scene, "measures", registry.measures, faults)
     if scene.measures.cell is not None and not any(amount.map for measure in chosen for amount in measure.amounts):
-        faults.append(scene.fault(("measures", "cell"), "no measure of this scene has a map"))
+        faults.append(
+            scene.fault(
+                ("measures", "cell"),
+                "no measure of this scene has a map: remove the key, or add a measure that has one, such as wear",
+            )
+        )
     elif math.prod(_cells(scene)) > MAX_CELLS:
         faults.append(scene.fault(("measures", "cell"), f"makes {math.prod(_cells(scene)):.3g} cells, at most {MAX_CELLS:.3g}"))
     return tuple(chosen), values

@@ -100,7 +100,9 @@ SERIES = {
     "energy_damping": Name("J", "Dissipated by dashpots since the start."),
     "energy_friction": Name("J", "Dissipated by slip since the start."),
     "energy_adhesion": Name("J", "Lost as necks form and break since the start; with `effects.adhesion` and necks only."),
-    "energy_plastic": Name("J", "Dissipated by plastic flow of contacts since the start; with `effects.elastic_plastic` only."),
+    "energy_plastic": Name(
+        "J", "Dissipated by plastic flow of contacts since the start; with a law that flows only, as `effects.elastic_plastic`."
+    ),
     "energy_plate_work": Name("J", "Work of the plates since the start."),
     "energy_body_effects": Name("J", "Work of body effects since the start; with such effects only."),
     "energy_numerical": Name("J", "Lost by the implicit integrator itself since the start; 0 in explicit runs."),
