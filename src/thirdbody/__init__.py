@@ -8,11 +8,9 @@ Names are imported when first used, so that importing the package costs nothing 
 of their own, as entry points of the group `thirdbody.functions`: `thirdbody.balance(file)` is one.
 """
 
-from importlib.metadata import EntryPoints, entry_points
 from typing import TYPE_CHECKING, Any
 
 from thirdbody import errors
-from thirdbody.version import __version__ as __version__
 
 if TYPE_CHECKING:
     from thirdbody.api import Run, resume, run
@@ -20,6 +18,7 @@ if TYPE_CHECKING:
     from thirdbody.report.scene_check import check
     from thirdbody.scene.model import Scene
     from thirdbody.sweeps import Sweep, sweep
+    from thirdbody.version import __version__ as __version__
 
 __all__ = ["Run", "Scene", "Sweep", "check", "errors", "open", "resume", "run", "sweep"]
 
@@ -32,6 +31,7 @@ _MODULES = {
     "run": ("api", "run"),
     "Sweep": ("sweeps", "Sweep"),
     "sweep": ("sweeps", "sweep"),
+    "__version__": ("version", "__version__"),
 }
 
 FUNCTION_GROUP = "thirdbody.functions"
@@ -49,8 +49,10 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module 'thirdbody' has no attribute '{name}'")
 
 
-def _plugged() -> EntryPoints:
+def _plugged() -> Any:
     """Return the functions that installed plug-ins provide."""
+    from importlib.metadata import entry_points  # a quarter of the start of a command
+
     return entry_points(group=FUNCTION_GROUP)
 
 

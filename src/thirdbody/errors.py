@@ -1,8 +1,7 @@
 """Errors and their exit codes on the command line. Imports nothing, so every package may use it."""
 
-import difflib
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from typing import NamedTuple
 from unicodedata import category
 
 EXIT_CODES = {
@@ -48,8 +47,7 @@ SETTINGS = "with_settings"
 """Value of `Fault.file` for a fault in a value that was replaced, on the command line by --set."""
 
 
-@dataclass(frozen=True)
-class Fault:
+class Fault(NamedTuple):
     """One fault of the input: file, line and column, key, and what is wrong."""
 
     key: str
@@ -161,6 +159,8 @@ def nearest(word: str, known: Iterable[str]) -> str:
     >>> plugin.nearest("mindlim", ["coulomb", "mindlin"])
     "did you mean 'mindlin'?"
     """
+    import difflib
+
     names = sorted(str(name) for name in known)
     close = difflib.get_close_matches(word, names, 1, 0.5)
     if close:

@@ -10,6 +10,7 @@ import pytest
 from steel import scene_text
 
 import thirdbody
+from thirdbody.cli import command_group
 from thirdbody.errors import UsageError
 from thirdbody.laws import registry
 from thirdbody.laws.registry import discover
@@ -83,14 +84,15 @@ class Point:
 
 @pytest.fixture
 def installed(monkeypatch):
-    real = registry.entry_points
+    real, commands = registry.entry_points, command_group.command_points()
 
     def put(wanted, *points):
         def found(group):
             return [*real(group=group), *(points if group == wanted else [])]
 
         monkeypatch.setattr(registry, "entry_points", found)
-        monkeypatch.setattr("thirdbody.cli.command_group.entry_points", found)
+        named = {point.name: point for point in points if wanted == command_group.COMMAND_GROUP}
+        monkeypatch.setattr(command_group, "command_points", lambda: commands | named)
 
     return put
 

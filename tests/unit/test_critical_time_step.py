@@ -8,7 +8,8 @@ import pytest
 from numba import njit
 from scipy.linalg import eigh
 
-from thirdbody.engine.explicit import DAMPING_FRACTION, STABILITY_FRACTION, _contact_bounds, bound
+from thirdbody.engine.explicit import DAMPING_FRACTION, _contact_bounds, bound
+from thirdbody.engine.state import STABILITY_FRACTION
 from thirdbody.jit.arguments import address
 from thirdbody.kernels.arguments import LAW
 from thirdbody.kernels.neighbour_search import incidences

@@ -12,9 +12,8 @@ from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.assembly.schedule import smallest_load
 from thirdbody.assembly.upper_plate import Upper
 from thirdbody.engine.accuracy import Accuracy
-from thirdbody.engine.explicit import STABILITY_FRACTION
 from thirdbody.engine.islands import LARGEST, ExpectedIslands, expected_islands
-from thirdbody.engine.state import RAYLEIGH_FRACTION, State, rayleigh_times
+from thirdbody.engine.state import RAYLEIGH_FRACTION, STABILITY_FRACTION, State, rayleigh_times
 from thirdbody.engine.units import EXPLICIT
 from thirdbody.engine.upper_plate import Schedule, UpperPlate
 from thirdbody.errors import InputError

@@ -244,7 +244,7 @@ def _explicit(scene: Scene, choice: CompiledPhysics, state: State, force: bool) 
         )
         fault = scene.fault(("solver", "time_step"), message)
         remedy = " runs it all the same"
-        raise InputError(replace(fault, python=f"; force=True{remedy}", command=f"; --force{remedy}"))
+        raise InputError(fault._replace(python=f"; force=True{remedy}", command=f"; --force{remedy}"))
     return integrator
 
 

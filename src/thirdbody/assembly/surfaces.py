@@ -114,7 +114,7 @@ def _faults_of(scene: Scene, side: str) -> Iterator[None]:
         keys, faults = type(getattr(scene.plates, side).surface).model_fields, []
         for fault in error.faults:
             key = fault.key if fault.key.partition(".")[0] in keys else "file"
-            text = fault.message if key == fault.key else str(replace(fault, file=None))
+            text = fault.message if key == fault.key else str(fault._replace(file=None))
             message = f"{fault.file}: {text}" if fault.file else text
             faults.append(scene.fault(("plates", side, "surface", *key_location(key)), message))
         raise InputError(faults) from None

@@ -165,7 +165,7 @@ def render(
     """Draw the debris between the plates: a picture, a film, or an interactive page for a browser."""
     from thirdbody.render.render import render as draw
 
-    options = dict(vars(image))
+    options = image._asdict()
     size = options.pop("width"), options.pop("height")
     print_line(draw(run, out, progress=True, frame=frame, size=size, **options))
 

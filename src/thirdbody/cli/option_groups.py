@@ -1,11 +1,10 @@
-"""Options of several commands; those that belong together are one parameter of a command: a dataclass, a field per option."""
+"""Options of several commands; those that belong together are one parameter of a command: a named tuple, a field per option."""
 
 from collections.abc import Callable
-from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any, NamedTuple
 
 import typer
 
@@ -13,31 +12,27 @@ from thirdbody.errors import UsageError
 
 
 def grouped(function: Callable[..., None]) -> Callable[..., None]:
-    """Return the function as a command for typer: each parameter that is a dataclass becomes one option per field."""
-    hints = get_type_hints(function, include_extras=True)
-    groups: dict[str, Any] = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
+    """Return the function as a command for typer: each parameter that is a named tuple becomes one option per field."""
+    groups: dict[str, Any] = {name: kind for name, kind in function.__annotations__.items() if hasattr(kind, "_fields")}
     options: list[Parameter] = []
     for name, parameter in signature(function).parameters.items():
-        if name not in groups:
-            options.append(_option(name, parameter.default, hints[name]))
-            continue
-        inner = get_type_hints(groups[name], include_extras=True)
-        for field in fields(groups[name]):
-            options.append(_option(field.name, Parameter.empty if field.default is MISSING else field.default, inner[field.name]))
+        if name in groups:
+            defaults = groups[name]._field_defaults
+            for field, annotation in groups[name].__annotations__.items():
+                default = defaults.get(field, Parameter.empty)
+                options.append(Parameter(field, Parameter.KEYWORD_ONLY, default=default, annotation=annotation))
+        else:
+            options.append(parameter.replace(kind=Parameter.KEYWORD_ONLY))
 
     @wraps(function)
     def command(**given: Any) -> None:
         for name, kind in groups.items():
-            given[name] = kind(**{field.name: given.pop(field.name) for field in fields(kind)})
+            given[name] = kind(**{field: given.pop(field) for field in kind._fields})
         function(**given)
 
     setattr(command, "__signature__", Signature(options))  # noqa: B010
     command.__annotations__ = {option.name: option.annotation for option in options}
     return command
-
-
-def _option(name: str, default: Any, annotation: Any) -> Parameter:
-    return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
 
 Settings = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="replace a value of the scene")]
@@ -57,8 +52,7 @@ def override_pairs(settings: list[str] | None) -> dict[str, str]:
     return pairs
 
 
-@dataclass(frozen=True)
-class Execution:
+class Execution(NamedTuple):
     """How a run is carried out and reported."""
 
     threads: Annotated[int | None, typer.Option("--threads", min=1, help="cores to use (same bits for any number)")] = None
@@ -68,8 +62,7 @@ class Execution:
     json: Json = False
 
 
-@dataclass(frozen=True)
-class Cluster:
+class Cluster(NamedTuple):
     """Workers of Dask that compute the points of a sweep."""
 
     dask: Annotated[str | None, typer.Option("--dask", metavar="ADDRESS", help="Dask scheduler, such as tcp://host:8786")] = None
@@ -78,8 +71,7 @@ class Cluster:
     ] = None
 
 
-@dataclass(frozen=True)
-class MeshFit:
+class MeshFit(NamedTuple):
     """How a surface mesh becomes a clump."""
 
     unit: Annotated[str | None, typer.Option("--unit", help="mesh: length of one unit of the file, such as '1 um'")] = None
@@ -89,8 +81,7 @@ class MeshFit:
     seed: Annotated[int | None, typer.Option("--seed", min=0, help="mesh: seed of the fit [1]")] = None
 
 
-@dataclass(frozen=True)
-class Image:
+class Image(NamedTuple):
     """What a picture or a film shows, and its size in pixels."""
 
     color: Annotated[
@@ -109,8 +100,7 @@ class Image:
     camera: Annotated[str | None, typer.Option("--camera", help="film of a body: fixed or follow [follow]")] = None
 
 
-@dataclass(frozen=True)
-class Study:
+class Study(NamedTuple):
     """What a study computes."""
 
     repeats: Annotated[int, typer.Option("--repeats", min=2, max=1000, help="runs of each variant that are timed")] = 3

@@ -1,8 +1,7 @@
 """Commands that compute many runs of one scene. Heavy modules are imported inside them, as in `main`."""
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import typer
 
@@ -54,8 +53,7 @@ def cost(
     cost_command(source, options, study.overwrite, json, log)
 
 
-@dataclass(frozen=True)
-class Points:
+class Points(NamedTuple):
     """What the points of a sweep are, and what stays of them: for a scene; a sweep file has these as keys."""
 
     vary: Annotated[
@@ -70,8 +68,7 @@ class Points:
     keep: Annotated[str | None, typer.Option("--keep", help="all: whole runs; summary: only their results [all]")] = None
 
 
-@dataclass(frozen=True)
-class Continuation:
+class Continuation(NamedTuple):
     """How a sweep is carried out."""
 
     dry_run: Annotated[bool, typer.Option("--dry-run", help="print points, estimated time, disk and memory; run nothing")] = False

@@ -262,10 +262,6 @@ class Explicit:
 
 # -- the time step: bounded by the present contact stiffness and a fraction of the Rayleigh time --
 
-STABILITY_FRACTION = 0.2
-"""Time step over 2/omega: the frequency error of velocity Verlet is then (omega dt)^2/24 = 0.7 %.
-Halving it changes the friction curve of the main scene by less than 1e-5 and doubles its time."""
-
 DAMPING_FRACTION = 0.7
 """Time step over the longest stable step with damping. It is decisive where the dashpots of many contacts, each scaled for its
 contact, add up on one body. Such a mode is overdamped: an oscillation at the step itself loses 40 % in each step, so a margin to
@@ -309,7 +305,7 @@ def bound(state: State, materials: list[Material], steps: int, max_overlap: floa
     if of_patches[patch] < of_bodies[body]:
         return Bound(step, "patch", int(state.order[np.argmax(state.patch == patch)]), limit, rayleigh)
     along, around, by_frequency, _ = bodies[body]
-    damped = of_bodies[body] < STABILITY_FRACTION * by_frequency
+    damped = of_bodies[body] < states.STABILITY_FRACTION * by_frequency
     mechanism = "damping" if damped else "rotation" if around > along else "translation"
     return Bound(step, mechanism, int(state.order[numbers[body]]), limit, rayleigh)
 
@@ -360,4 +356,4 @@ def _pressed(state: State, horizon: float) -> Array:
 
 def _steps(result: Array) -> Array:
     """Return the time steps [s] from the stable steps without (column 2) and with damping (column 3)."""
-    return np.minimum(STABILITY_FRACTION * result[:, 2], DAMPING_FRACTION * result[:, 3])
+    return np.minimum(states.STABILITY_FRACTION * result[:, 2], DAMPING_FRACTION * result[:, 3])

@@ -7,7 +7,7 @@ import os
 import re
 import statistics
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -160,10 +160,10 @@ class _Checker:
         for column in (column for axis in self.definition.axes for column in axis):
             key = _words(column.key)
             if location[: len(key)] == key:
-                return replace(self.definition.fault(column.location, fault.message), key=fault.key)
+                return self.definition.fault(column.location, fault.message)._replace(key=fault.key)
         values = ", ".join(f"{key} = {value}" for key, value in settings.items())
         message = f"{fault.message} (at point {number}: {values})"
-        return replace(fault, message=message, file=None if fault.file == SETTINGS else fault.file)
+        return fault._replace(message=message, file=None if fault.file == SETTINGS else fault.file)
 
 
 def _words(path: str) -> tuple[str, ...]:
