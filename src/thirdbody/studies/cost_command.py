@@ -4,18 +4,21 @@ import json as json_module
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from thirdbody.errors import InputError, Interrupted, OutputError, UsageError
 from thirdbody.report.tables import as_plain, print_json
 from thirdbody.runner.run_folder import lock_folder
+from thirdbody.scene.model import Scene
 from thirdbody.studies.copies import Copy, CopyMemory, StudySource, make_copy
 from thirdbody.studies.cost import Study, compute_errors, one_pace
+from thirdbody.studies.cost_bench import Bench, Overdue
 from thirdbody.studies.cost_report import as_json, print_study
-from thirdbody.studies.cost_runs import Bench, Overdue, VariantRuns
+from thirdbody.studies.cost_runs import VariantRuns
 from thirdbody.studies.folder import new_study_folder, read_document, save_plan
-from thirdbody.studies.point import read_result
+from thirdbody.studies.point import INTERRUPTED, read_result
 from thirdbody.units import duration
 
 REPEATS, BUDGET = 3, 420.0
@@ -118,20 +121,20 @@ def study(
     """
     from thirdbody.studies.timing import machine
 
-    if repeats < 2:
-        raise UsageError(f"--repeats {repeats}: at least 2, to know the scatter of the times")
     bench = Bench(budget)  # its processes start meanwhile
     try:
         report, scene = machine(), source.read()
-        runs = _begin(bench, source, CopyMemory(scene, source.plugins, budget), resume, log)
-        runs.compile_beside()
-        runs.run_all()
+        try:
+            runs = _begin(bench, source, scene, resume, log)
+        except Overdue:
+            raise UsageError(
+                f"--budget {duration(budget)}: too short to build the scene and run it once with its own settings; what was "
+                "compiled till now is kept, so a second try gets farther"
+            ) from None
+        with suppress(Overdue):
+            runs.compile_beside()
+            runs.run_all(repeats)
         runs.time_all(repeats)
-    except Overdue:
-        raise UsageError(
-            f"--budget {duration(budget)}: it was over before the scene was built and had run once with its own settings; what "
-            "was compiled till then is kept, so a second try gets farther"
-        ) from None
     finally:
         bench.close()
     one_pace(runs.rows)
@@ -140,29 +143,30 @@ def study(
     return built
 
 
-def _begin(bench: Bench, source: StudySource, memory: CopyMemory, resume: bool, log: Callable[[str], None]) -> VariantRuns:
+def _begin(bench: Bench, source: StudySource, scene: Scene, resume: bool, log: Callable[[str], None]) -> VariantRuns:
     """Return the variants of a copy, the own one of the scene already run. Raises Overdue.
 
     Raises InputError for a study that should go on and is one of another scene or version.
     """
+    memory = CopyMemory(scene, source.plugins, bench.budget)
+    compiled, copy = bench.compile_laws(source, scene), memory.read()
     if resume:
         document = read_document(source.folder)
         if document.get("study", {}).get("name") != memory.name:
             raise InputError(f"{source.folder}: is a study of another scene or version; --overwrite computes it anew")
         copy = Copy.of(document["study"]["copy"])
-    elif (saved := memory.read()) is not None:
-        copy = saved
-    else:
+    elif copy is None:
         log("building the scene and estimating its time")
-        copy = bench.call(make_copy, source, bench.target, bench.budget < FEW_FRAMES)
+        few, part = bench.budget < FEW_FRAMES, 0.5 if compiled else 1.0
+        copy = bench.call(make_copy, source, bench.target, few, part=part)
         memory.write(copy)
     runs = VariantRuns(bench, copy, source, log)
     save_plan(runs.table.plan, source.folder, {"study": {"name": memory.name, "copy": copy.document()}})
     for row, point in runs.points.items():
         if (result := read_result(point)) is not None:
             runs.enter(row, result)
-    own = runs.row_of(runs.own)
-    if not own.cpu:
-        runs.run(own, bench.left())
-    log(f"{own.variant.name}: {own.message or f'{own.cpu[0]:.3g} s'}")
+    if runs.own.cpu:
+        log(f"{runs.own.variant.name}: {runs.own.cpu[0]:.3g} s")
+    elif runs.run(runs.own, bench.left()) == INTERRUPTED:
+        raise Overdue
     return runs

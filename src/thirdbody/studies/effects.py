@@ -21,7 +21,7 @@ from thirdbody.scene.model import Scene
 from thirdbody.studies.compare import errors, read_outcome
 from thirdbody.studies.copies import StudySource, portable, reduce_scene, reductions
 from thirdbody.studies.cost import percent
-from thirdbody.studies.cost_runs import time_point
+from thirdbody.studies.cost_bench import time_point
 from thirdbody.studies.folder import RUNS, SCENE_FILE
 from thirdbody.studies.point import DONE, Point, run_point
 from thirdbody.studies.timing import NUDGE, Late, machine
