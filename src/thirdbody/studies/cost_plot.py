@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import textwrap
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from thirdbody.palette import LINE_COLORS
@@ -28,16 +27,7 @@ NOTHING = 1e-12
 """Smaller errors are drawn at this value: a variant with identical bits has none."""
 
 
-def draw_study(built: Study, *paths: Path) -> None:
-    """Write the picture (.png, .pdf or .svg), drawn once. Raises OutputError when it cannot be written."""
-    from thirdbody.plot.figures import save
-
-    figure = picture(built)
-    for path in paths:
-        save(figure, path)
-
-
-def picture(built: Study) -> Figure:
+def picture_of_study(built: Study) -> Figure:
     """Return the picture as a matplotlib figure."""
     from matplotlib.figure import Figure
 

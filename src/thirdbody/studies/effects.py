@@ -30,9 +30,6 @@ from thirdbody.studies.workers import LocalWorkers
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-EFFECTS_PICTURE = "effects.png"
-"""In the folder of the study."""
-
 SECONDS = 2.0
 """Integration time of one run of the copy [s]: some six effects, each in five pairs or, where a run is long, in two."""
 
@@ -199,15 +196,6 @@ ON, OFF = LINE_COLORS["black"], LINE_COLORS["purple"]
 
 NOTHING = 1e-6
 """Smaller changes are drawn at this value, at the edge."""
-
-
-def draw_effects(report: dict[str, Any], *paths: Path) -> None:
-    """Write the picture of the result of `effects_study` (.png, .pdf or .svg). Raises OutputError when it cannot be written."""
-    from thirdbody.plot.figures import save
-
-    figure = picture(report)
-    for path in paths:
-        save(figure, path)
 
 
 def with_over_without(row: dict[str, Any]) -> list[float]:
