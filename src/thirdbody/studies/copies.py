@@ -301,7 +301,6 @@ def coarsened(scene: Scene, built: Simulation) -> dict[str, Any]:
 
 
 def _round(value: float) -> float:
-    """Round to two digits."""
     return float(f"{value:.1e}")
 
 

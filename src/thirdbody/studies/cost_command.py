@@ -14,7 +14,7 @@ from thirdbody.report.tables import as_plain, print_json
 from thirdbody.runner.run_folder import lock_folder
 from thirdbody.scene.model import Scene
 from thirdbody.studies.copies import Copy, CopyMemory, StudySource, make_copy
-from thirdbody.studies.cost import Study, compute_errors, one_pace
+from thirdbody.studies.cost import Study, compute_errors
 from thirdbody.studies.cost_bench import Bench, Overdue
 from thirdbody.studies.cost_report import as_json, print_study
 from thirdbody.studies.cost_runs import VariantRuns
@@ -129,7 +129,6 @@ def study(
         runs.time_all(repeats)
     finally:
         bench.close()
-    one_pace(runs.rows)
     built = Study(str(source.scene), scene.title, runs.copy.reduction, report, runs.rows, budget=budget)
     compute_errors(built)
     return built

@@ -80,7 +80,6 @@ def _size(row: Row) -> float:
 
 
 def _series(built: Study, what: str, names: list[str], sizes: list[float], rows: list[Row]) -> dict[str, Any]:
-    """Return the errors of all rows but the last against the last."""
     merit, limit = figure_of_merit(built), rows[-1]
     assert limit.outcome is not None
     result = [errors(row.outcome, limit.outcome)[merit] if row.outcome is not None else math.nan for row in rows[:-1]]

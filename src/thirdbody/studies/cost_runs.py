@@ -252,13 +252,15 @@ class VariantRuns:
     def time_all(self, repeats: int) -> None:
         """Time variants alternately with the scene's own, until each is known well or no time is left.
 
-        Those needed for errors only are not timed.
+        Those needed for errors only are not timed. Their seconds are scaled to one pace of the machine, that of its median.
         """
         while self.time_round(repeats):
             pass
+        paces = [own for times in self.again.values() for *_, own in times]
         for row, times in self.again.items():
             if times:
                 row.wall, row.cpu, row.beside = (list(column) for column in zip(*times, strict=True))
+                row.cpu = [cpu * statistics.median(paces) / own for _, cpu, own in times]
 
     def time_round(self, repeats: int, dear: bool = True) -> bool:
         """Time once more all variants that are not known well enough, `dear` ones last or not; return whether any was."""
@@ -287,7 +289,6 @@ class VariantRuns:
 
 
 def _is_known(again: Sequence[tuple[float, float, float]], repeats: int) -> bool:
-    """Return whether the ratio of a variant's seconds to the alternating ones is known well enough."""
     seconds = [cpu for _, cpu, _ in again]
     if not seconds or len(seconds) < repeats_of(min(seconds), repeats):
         return False

@@ -225,7 +225,6 @@ def picture(report: dict[str, Any]) -> Figure:
 
 
 def _words(row: dict[str, Any]) -> str:
-    """Return whether the scene has it."""
     if "named" not in row:
         return " (scene twice)"
     return " (in the scene)" if row["named"] else " (tried)"

@@ -228,7 +228,6 @@ def machine() -> dict[str, Any]:
 
 
 def _processor() -> str:
-    """Return the model name of the processor, `unknown` if the system does not give it."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
