@@ -66,6 +66,10 @@ def test_a_thinned_copy_has_its_bodies_as_close_as_they_were_and_as_many_meet():
     assert copy.debris[0].count == FEWEST_THAT_MEET and built.state.world.debris_meets
     assert words[0] == "50 of 200 bodies, as close as they were"
     assert np.prod(copy.domain.size) / FEWEST_THAT_MEET == pytest.approx(np.prod(scene.domain.size) / 200, rel=1e-12)
+    # no domain is shorter than the waves of its surfaces
+    waves = {"rms": "0.1 um", "hurst": 0.8, "long": "100 um", "short": "20 um", "seed": 1}
+    rough = thin(scene.with_settings({"plates.lower.surface": waves}), 200, 1e-3)
+    assert rough["debris.0.count"] == 64 and len(rough["domain.size"]) == 2
     # a plate that all carry keeps its pressure, and its mass and dashpot for each body
     rigid = {"plates.upper.support": "rigid", "plates.upper.load": "8 mN", "plates.upper.mass": "8 ug"}
     near = thin(scene.with_settings(rigid), 200, 0.3)

@@ -232,25 +232,28 @@ def thin(scene: Scene, bodies: int, fraction: float, fewest: int = FEWEST) -> di
     drawn = all(getattr(debris, "count", None) and getattr(debris, "placement", "") for debris in scene.debris)
     if fraction >= 1.0 or bodies <= fewest or not drawn:
         return {}
-    retained = max(fewest / bodies, _power_of_two(fraction))
-    counts = {k: max(1, round(retained * getattr(debris, "count", 1))) for k, debris in enumerate(scene.debris)}
-    left = sum(counts.values())
-    changes: dict[str, Any] = {f"debris.{k}.count": count for k, count in counts.items()}
-    near = math.sqrt(left / bodies)
-    changes["domain.size"] = [units.format_si(near * side, "length") for side in scene.domain.size]
     if upper is not None and upper.support != "load_per_particle" and upper.gap is None:
         if upper.loading is not None and upper.pressure is None:
             return {}
-        alone = ("mass", "damping") if upper.support == "rigid" else ()
-        for key, kind in {"load": "force", "mass": "mass", "damping": "damping"}.items():
-            value = getattr(upper, key)
-            if value is not None and (key == "load" or key in alone):
+        carried = {"load": "force"} | ({"mass": "mass", "damping": "damping"} if upper.support == "rigid" else {})
+    else:
+        carried = {}
+    retained = max(fewest / bodies, _power_of_two(fraction))
+    while retained < 1.0:
+        counts = [max(1, round(retained * getattr(debris, "count", 1))) for debris in scene.debris]
+        near = math.sqrt(sum(counts) / bodies)
+        changes: dict[str, Any] = {f"debris.{k}.count": count for k, count in enumerate(counts)}
+        changes["domain.size"] = [units.format_si(near * side, "length") for side in scene.domain.size]
+        for key, kind in carried.items():
+            if (value := getattr(upper, key)) is not None:
                 changes[f"plates.upper.{key}"] = units.format_si(near**2 * value, kind)
-    try:
-        scene.with_settings(changes)
-    except InputError:  # a domain shorter than the waves of its surfaces
-        return {}
-    return changes
+        try:
+            scene.with_settings(changes)
+        except InputError:  # a domain shorter than the waves of its surfaces
+            retained *= 2.0
+        else:
+            return changes
+    return {}
 
 
 def _power_of_two(fraction: float) -> float:
