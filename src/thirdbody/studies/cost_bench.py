@@ -86,16 +86,18 @@ class Bench:
 
         Return False, and compile none, where the kernels have to be compiled first: that needs all cores.
         """
+        from thirdbody.assembly.physics import law_faults
         from thirdbody.engine.units import EXPLICIT
         from thirdbody.laws.registry import discover
         from thirdbody.runner.simulate import likely_units
 
-        units, family = likely_units(scene), discover(tuple(source.plugins)).families.get(scene.contact.law)
+        units, registry = likely_units(scene), discover(tuple(source.plugins))
         if not units_are_compiled(units):
             return False
-        level = "" if family is None else scene.contact.level or family.default_level
-        if family is None or level not in family.levels:  # a fault that building it tells
+        if law_faults(scene, registry):  # building it tells them
             return True
+        family = registry.families[scene.contact.law]
+        level = scene.contact.level or family.default_level
         default, kind = springs_option(family, level), "explicit" if units is EXPLICIT else "implicit"
         own = level, None if default is None else int(scene.contact.options.get("springs", default))
         laws = laws_of(scene, family, own)

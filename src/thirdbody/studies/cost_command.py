@@ -4,7 +4,6 @@ import json as json_module
 import tempfile
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -123,9 +122,8 @@ def study(
                 f"--budget {duration(budget)}: too short to build the scene and run it once with its own settings; what was "
                 "compiled till now is kept, so a second try gets farther"
             ) from None
-        with suppress(Overdue):
-            runs.compile_beside()
-            runs.run_all(repeats)
+        runs.compile_beside()
+        runs.run_all(repeats)
         runs.time_all(repeats)
     finally:
         bench.close()

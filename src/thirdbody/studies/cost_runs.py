@@ -11,6 +11,7 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -168,18 +169,19 @@ class VariantRuns:
         Those for which none is left tell how large a budget would hold them all.
         """
         waiting = [row for row in self.points if not row.cpu]
-        while True:
-            row, awaited = self._next(waiting)
-            if row is None and not awaited:
-                break
-            if row is None:
-                if not self.time_round(repeats, dear=False):
-                    time.sleep(0.1)
-            elif self.costs.key(row.variant) not in self.costs.laws and self.costs.of(row.variant) > DEAR * self.bench.budget:
-                self._try(row)  # expected to take long, and nothing of its law or integrator is measured
-            else:
-                waiting.remove(row)
-                self.run(row, LATE * self.predicted(row) + 5.0 * self.bench.pace)
+        with suppress(Overdue):
+            while True:
+                row, awaited = self._next(waiting)
+                if row is None and not awaited:
+                    break
+                if row is None:
+                    if not self.time_round(repeats, dear=False):
+                        time.sleep(0.1)
+                elif self.costs.key(row.variant) not in self.costs.laws and self.costs.of(row.variant) > DEAR * self.bench.budget:
+                    self._try(row)  # expected to take long, and nothing of its law or integrator is measured
+                else:
+                    waiting.remove(row)
+                    self.run(row, LATE * self.predicted(row) + 5.0 * self.bench.pace)
         needed = duration(self._needed(waiting)) if waiting else ""
         for row in waiting:
             missing = "its law was not compiled in time" if self.bench.ready_in(row.variant.code) else "one of the dearest"
