@@ -82,7 +82,7 @@ class Bench:
             self.laws[code] = self.compilers.submit(with_cpu, function, arguments)
 
     def compile_laws(self, source: StudySource, scene: Scene) -> bool:
-        """Let other processes compile the laws that every study needs: the coarsest, the finest, a few springs.
+        """Let other processes compile the laws that every study needs: the coarsest, a few springs, the finest.
 
         Return False, and compile none, where the kernels have to be compiled first: that needs all cores.
         """
@@ -102,7 +102,7 @@ class Bench:
         own = level, None if default is None else int(scene.contact.options.get("springs", default))
         laws = laws_of(scene, family, own)
         first, *_, finest = laws
-        for law in dict.fromkeys([first, finest, *(law for law in laws if law[1] == SPRINGS[0])]):
+        for law in dict.fromkeys([first, *(law for law in laws if law[1] == SPRINGS[0]), finest]):  # it compiles longest
             if law != own:
                 self.compile(code_of(laws[law], kind), compile_law, source, laws[law], kind)
         return True

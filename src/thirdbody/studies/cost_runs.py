@@ -155,7 +155,7 @@ class VariantRuns:
 
         own, units = self.own.variant, {"explicit": EXPLICIT, "implicit": ("driver", "pairs", "books")}
         last = {kind for kind in units if kind != self.base.kind and not units_are_compiled(units[kind])}
-        rows = sorted(self.points, key=lambda row: (row.variant.integrator in last, self._rank(row), self.price(row)))
+        rows = sorted(self.points, key=lambda row: (row.variant.integrator in last, max(self._rank(row), 2), self.price(row)))
         for v, point in ((row.variant, self.points[row]) for row in rows if row.variant.code != own.code):
             if v.integrator != own.integrator:
                 self.bench.compile(v.code, compile_point, point)
