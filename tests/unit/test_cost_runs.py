@@ -3,9 +3,9 @@
 import json
 import math
 import time
-from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,14 +15,16 @@ import thirdbody
 from thirdbody.engine.state import orientations
 from thirdbody.errors import InputError, OutputError, UsageError
 from thirdbody.kernels.tables import body
+from thirdbody.plot.figures import save
 from thirdbody.runner.simulate import prepare
 from thirdbody.scene.model import Scene
 from thirdbody.studies import cost, cost_plot, cost_runs
 from thirdbody.studies.compare import read_outcome
 from thirdbody.studies.copies import FEWEST, FEWEST_THAT_MEET, Copy, StudySource, make_copy, reduce_scene, reductions, thin
+from thirdbody.studies.cost_bench import Bench, Overdue, compile_law, rate_point, time_point
 from thirdbody.studies.cost_command import StudyOptions, cost_command, study
 from thirdbody.studies.cost_report import LEFT_OUT, as_json, convergence, falling
-from thirdbody.studies.cost_runs import Overdue, VariantRuns, rate_point, repeats_of, time_point
+from thirdbody.studies.cost_runs import VariantRuns, repeats_of
 from thirdbody.studies.point import DONE, INTERRUPTED, Point, PointResult, run_point
 from thirdbody.studies.timing import NUDGE, Late, bare, nudge, slower, timing
 from thirdbody.studies.variants import Costs
@@ -64,6 +66,10 @@ def test_a_thinned_copy_has_its_bodies_as_close_as_they_were_and_as_many_meet():
     assert copy.debris[0].count == FEWEST_THAT_MEET and built.state.world.debris_meets
     assert words[0] == "50 of 200 bodies, as close as they were"
     assert np.prod(copy.domain.size) / FEWEST_THAT_MEET == pytest.approx(np.prod(scene.domain.size) / 200, rel=1e-12)
+    # no domain is shorter than the waves of its surfaces
+    waves = {"rms": "0.1 um", "hurst": 0.8, "long": "100 um", "short": "20 um", "seed": 1}
+    rough = thin(scene.with_settings({"plates.lower.surface": waves}), 200, 1e-3)
+    assert rough["debris.0.count"] == 64 and len(rough["domain.size"]) == 2
     # a plate that all carry keeps its pressure, and its mass and dashpot for each body
     rigid = {"plates.upper.support": "rigid", "plates.upper.load": "8 mN", "plates.upper.mass": "8 ug"}
     near = thin(scene.with_settings(rigid), 200, 0.3)
@@ -93,13 +99,13 @@ def test_the_json_and_the_picture_have_every_variant(made, tmp_path):  # noqa: F
     assert all(names <= set(variant) for variant in report["variants"]) and report["reference"] == "exact, step /4"
     assert report["variants"][3]["time_ratio"] == 2.0 and report["variants"][3]["springs"] == 16
     assert report["variants"][-2]["stable"] is False
-    figure = cost_plot.picture(made)
+    figure = cost_plot.picture_of_study(made)
     axes, legend = figure.axes[0], {text.get_text() for text in figure.legends[0].get_texts()}
     assert {"coulomb", "mindlin", "mdr 8", "mdr 16", "exact", "step x4"} <= {text.get_text() for text in axes.texts}
     assert {"efficient front, to the reference", "as in the scene", "recommended"} <= legend
     line = next(line for line in axes.lines if line.get_label() == "efficient front, to the reference")
     assert list(line.get_xdata()) == [0.5, 1.0, 2.0, 4.0, 9.0, 30.0]
-    cost_plot.draw_study(made, tmp_path / "cost.png")
+    save(figure, tmp_path / "cost.png")
     assert drawn(tmp_path / "cost.png") > 0.02
 
 
@@ -145,22 +151,30 @@ def test_what_is_timed_is_the_run(integrator, tmp_path):
         bare(prepare(scene), -1.0)
 
 
-class MadeUpBench:
-    """A clock of its own: each run takes so many seconds, and one more to start, on a machine of this pace."""
+class MadeUpBench(Bench):
+    """A clock of its own: each run takes so many seconds, and one more to start, on a machine of this pace.
 
-    def __init__(self, monkeypatch, seconds, budget, pace=1.0):
-        self.now, self.end, self.seconds, self.pace, self.laws = 0.0, budget, seconds, pace, {}
-        self.runner = self.compiler = self
-        self.budget, self.target, self.wall, self.cpu = budget, seconds, 0.0, 0.0
+    Laws take `compiling` seconds in another process: 6, `exact` 14 and `coulomb` 3 times that.
+    """
+
+    pace = end = 0.0
+
+    def __init__(self, monkeypatch, seconds, budget, pace=1.0, compiling=0.0):
+        self.now, self.end, self.seconds, self.pace, self.each, self.laws = 0.0, budget, seconds, pace, compiling, {}
+        self.runner, self.compilers, self.count, self.compiled = self, self, 1, 0.0
+        self.budget, self.wall, self.cpu, self.calls = budget, 0.0, 0.0, 0
         monkeypatch.setattr(time, "time", lambda: self.now)
-        monkeypatch.setattr(time, "sleep", lambda seconds: None)
+        monkeypatch.setattr(time, "sleep", self.advance)
         monkeypatch.setattr(cost_runs, "read_outcome", lambda folder: outcome())
         monkeypatch.setattr(cost_runs, "run_points", self.run_points)
 
-    def submit(self, function, *arguments):
-        future: Future = Future()
-        future.set_result(None)
-        return future
+    def advance(self, seconds):
+        self.now += seconds
+
+    def submit(self, function, one, arguments):
+        cpu = self.each * (6.0 if one is not compile_law else compiling_of(arguments[1]["contact.level"]))
+        self.compiled = max(self.now, self.compiled) + cpu * self.pace
+        return SimpleNamespace(done=lambda at=self.compiled: self.now >= at, result=lambda: (None, cpu), exception=lambda: None)
 
     def left(self):
         return self.end - self.now
@@ -184,30 +198,42 @@ class MadeUpBench:
         return self.costs(point) * self.pace, self.costs(point)
 
 
+def compiling_of(level):
+    return {"exact": 14.0, "coulomb": 3.0}.get(level, 6.0)
+
+
 def studied(bench, tmp_path):
-    copy = Copy(TWO.to_toml(), EXPLICIT, [], 1.0)
-    runs = VariantRuns(bench, copy, StudySource(Path("s.toml"), {}, tmp_path, []), lambda text: None)
-    runs.run(runs.row_of(runs.own), 1e9)
+    copy, source = Copy(TWO.to_toml(), EXPLICIT, ["1 of 2 bodies"], 1.0), StudySource(Path("s.toml"), {}, tmp_path, [])
+    runs = VariantRuns(bench, copy, source, lambda text: None)
+    runs.run(runs.own, 1e9)
     runs.compile_beside()
-    runs.run_all()
+    runs.run_all(3)
     runs.time_all(3)
     return runs.rows
 
 
 @pytest.mark.parametrize(
-    ("budget", "pace", "whole"), [(30.0, 1.0, False), (300.0, 1.0, True), (90.0, 3.0, False), (900.0, 3.0, True)]
-)
-def test_a_budget_is_kept_and_cheap_variants_are_never_left_out_for_dear_ones(budget, pace, whole, monkeypatch, tmp_path):
-    bench = MadeUpBench(monkeypatch, 0.2, budget, pace)
+    ("budget", "pace", "compiling", "whole"),
+    [(30.0, 1.0, 0.0, False), (300.0, 1.0, 0.0, True), (90.0, 3.0, 0.0, False), (900.0, 3.0, 0.0, True), (60.0, 1.0, 1.0, False),
+     (45.0, 1.0, 1.0, False), (300.0, 1.0, 1.0, True)],
+)  # fmt: skip
+def test_a_budget_is_kept_and_no_cheap_variant_is_left_out_for_a_dear_one(budget, pace, compiling, whole, monkeypatch, tmp_path):
+    bench = MadeUpBench(monkeypatch, 0.15 if compiling else 0.2, budget, pace, compiling)
     rows = studied(bench, tmp_path)
     ran, omitted = [row for row in rows if row.cpu], [row for row in rows if not row.cpu]
-    assert bench.now <= budget and all(row.message == LEFT_OUT for row in omitted) and (not omitted) == whole
+    assert bench.now <= budget and all(row.message.startswith(LEFT_OUT) for row in omitted) and (not omitted) == whole
+    assert all("a budget of about " in row.message for row in omitted)
     names = {row.variant.name for row in ran}
     assert {"mindlin", "exact", "coulomb", "mdr 8", "mindlin, step x4", "mindlin, step x2"} <= names
     costs = Costs(EXPLICIT, 0.2, ("exact", None), 0.2, {})
+
+    def price(row):
+        compiled = (row.variant.level, row.variant.integrator) in (("mindlin", "explicit"), ("exact", "explicit"))
+        return costs.of(row.variant) + (0.0 if compiled else 6.0 * compiling)
+
     first = ("exact", "exact, step /4", "exact, step /2", "mdr 8", "coulomb")  # what every study has
-    cheap = [costs.of(row.variant) for row in ran if row.variant.name not in first]
-    assert all(costs.of(row.variant) >= max(cheap) for row in omitted if row.variant.name != "exact, step /4")
+    cheap = [price(row) for row in ran if row.variant.name not in first]
+    assert all(price(row) >= max(cheap) for row in omitted if row.variant.name != "exact, step /4")
     assert all(len(row.cpu) >= 3 for row in ran if row.variant.axis == "step") or not whole
 
 
@@ -216,7 +242,7 @@ def test_a_budget_that_holds_nothing_is_refused_and_leaves_no_folder(monkeypatch
         raise Overdue
 
     monkeypatch.setattr("thirdbody.studies.cost_command._begin", overdue)
-    with pytest.raises(UsageError, match=r"--budget 20 s: it was over before the scene was built"):
+    with pytest.raises(UsageError, match=r"--budget 20 s: too short to build the scene"):
         cost_command(StudySource(file, {}, tmp_path / "new" / "out", []), StudyOptions(3, budget=20.0), False, False, print)
     assert not (tmp_path / "new").exists()
 

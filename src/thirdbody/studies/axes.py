@@ -139,7 +139,7 @@ def _read_interval(given: Mapping[str, Any], location: Location, report: Report,
     ends = []
     for key, value in (("from", first), ("to", last)):
         try:
-            ends.append(_number(value))
+            ends.append(number_in_si(value))
         except ValueError as error:
             report((*location, key), str(error))
     if len(ends) < 2:
@@ -156,24 +156,16 @@ def _read_interval(given: Mapping[str, Any], location: Location, report: Report,
     if fault:
         report(location, fault)
         return None
-    return Interval(low, high, dimension, count, scale, first, last)
+    return Interval(float(low), float(high), dimension, count, scale, first, last)
 
 
-def _number(value: Any) -> tuple[float, str]:
-    """Return the value in SI and its dimension. Raises ValueError."""
+def number_in_si(value: Any) -> tuple[float, str]:
+    """Return a number or a quantity in SI, and its dimension. Raises ValueError for anything else."""
     if isinstance(value, str):
         return units.parse_any(value, tuple(DIMENSIONS))
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(as_float(value)):
         raise ValueError(f"expected a number or a quantity with its unit, got {show(value)}")
-    return float(value), "dimensionless"
-
-
-def lengths_fault(columns: Sequence[Column]) -> str:
-    """Return the fault of keys that move together with different numbers of values; empty if there is none."""
-    counts = {column.key: column.count for column in columns}
-    if len(set(counts.values())) <= 1:
-        return ""
-    return "moved together, but with " + ", ".join(f"{count or 'sampled'} values of {key}" for key, count in counts.items())
+    return value, "dimensionless"
 
 
 def design_fault(design: str, axes: Sequence[Axis], samples: int | None) -> str:
@@ -199,7 +191,11 @@ def design_fault(design: str, axes: Sequence[Axis], samples: int | None) -> str:
 def settings_of_points(design: str, axes: Sequence[Axis], samples: int | None, seed: int) -> list[Settings]:
     """Return the settings of all points of a sound design, the last axis running fastest."""
     if design in SAMPLED:
-        rows = _fractions(design, len(axes), samples or 0, seed)
+        import numpy as np
+        from scipy.stats import qmc
+
+        kind: Any = qmc.Sobol if design == "sobol" else qmc.LatinHypercube
+        rows = kind(len(axes), scramble=True, seed=np.random.default_rng(seed)).random(samples or 0).tolist()
         return [
             {column.key: column.at(fraction) for axis, fraction in zip(axes, row, strict=True) for column in axis} for row in rows
         ]
@@ -214,17 +210,3 @@ def settings_of_points(design: str, axes: Sequence[Axis], samples: int | None, s
         }
         for row in numbers
     ]
-
-
-def _fractions(design: str, dimensions: int, samples: int, seed: int) -> list[list[float]]:
-    """Return points of the unit cube, (samples, dimensions)."""
-    import numpy as np
-    from scipy.stats import qmc
-
-    generator = np.random.default_rng(seed)
-    if design == "sobol":
-        engine: qmc.QMCEngine = qmc.Sobol(dimensions, scramble=True, seed=generator)
-    else:
-        engine = qmc.LatinHypercube(dimensions, seed=generator)
-    rows: list[list[float]] = engine.random(samples).tolist()
-    return rows

@@ -1,5 +1,6 @@
 """Comparison of a run with another one of the same scene: friction, load or gap, positions, labels, energy."""
 
+import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -52,14 +53,8 @@ def read_outcome(folder: Path) -> Outcome | None:
             distance=float(series["distance"][-1]),
             residual=run.summary().get("energy_residual"),
             period=size if domain["periodic"] else np.full(2, np.inf),
-            gap_set=_gap_is_set(run.scene_text),
+            gap_set="gap" in tomllib.loads(run.scene_text).get("plates", {}).get("upper", {}),
         )
-
-
-def _gap_is_set(text: str) -> bool:
-    import tomllib
-
-    return "gap" in tomllib.loads(text).get("plates", {}).get("upper", {})
 
 
 def errors(result: Outcome, reference: Outcome) -> dict[str, float]:
@@ -74,7 +69,9 @@ def errors(result: Outcome, reference: Outcome) -> dict[str, float]:
     all labels that would have to change to make the share of each state equal.
     """
     path = reference.distance if reference.distance > 0.0 else float(np.nanmean(reference.gap))
-    same = _same_labels(result, reference)
+    same = np.ones(len(reference.position), bool)
+    if result.states is not None and reference.states is not None:
+        same = result.states[-1] == reference.states[-1]
     moved = result.position - reference.position
     with np.errstate(invalid="ignore"):
         wraps = np.where(np.isinf(reference.period), 0.0, np.round(moved[:, :2] / reference.period))
@@ -86,36 +83,24 @@ def errors(result: Outcome, reference: Outcome) -> dict[str, float]:
         "position_error": _median(np.linalg.norm(moved, axis=1)[same]) / path,
         "rotation_error": _median(rotation_angles(result.quaternion, reference.quaternion)[same]),
         "label_difference": label_difference(result.states, reference.states),
-        "dissipation_error": _relative(result.dissipated, reference.dissipated),
-        "mean_friction_error": mean_error(result.friction, reference.friction),
+        "dissipation_error": abs(result.dissipated - spent) / abs(spent) if (spent := reference.dissipated) else float("nan"),
+        "mean_friction_error": rms_error(result.friction, reference.friction, of_means=True),
         "mean_position_error": float(np.linalg.norm(moved.mean(axis=0))) / path,
         "state_fraction_error": fraction_difference(result.states, reference.states),
     }
 
 
-def rms_error(result: Array, reference: Array) -> float:
+def rms_error(result: Array, reference: Array, of_means: bool = False) -> float:
     """Return the root mean square difference over the mean size of the reference, over common frames with finite values.
 
-    NaN without any.
+    `of_means`: the difference of the means instead. NaN without any.
     """
-    a, b = _common(result, reference)
-    size = float(np.mean(np.abs(b))) if len(b) else 0.0
-    return float(np.sqrt(np.mean((a - b) ** 2))) / size if size > 0.0 else float("nan")
-
-
-def mean_error(result: Array, reference: Array) -> float:
-    """Return the difference of the means over the mean size of the reference, as in `rms_error`."""
-    a, b = _common(result, reference)
-    size = float(np.mean(np.abs(b))) if len(b) else 0.0
-    return abs(float(np.mean(a - b))) / size if size > 0.0 else float("nan")
-
-
-def _common(result: Array, reference: Array) -> tuple[Array, Array]:
-    """Return the values of the frames in which both are finite."""
     frames = min(len(result), len(reference))
-    a, b = result[:frames], reference[:frames]
-    known = np.isfinite(a) & np.isfinite(b)
-    return a[known], b[known]
+    known = np.isfinite(result[:frames]) & np.isfinite(reference[:frames])
+    a, b = result[:frames][known], reference[:frames][known]
+    size = float(np.mean(np.abs(b))) if len(b) else 0.0
+    change = abs(float(np.mean(a - b))) if of_means and len(b) else float(np.sqrt(np.mean((a - b) ** 2))) if len(b) else 0.0
+    return change / size if size > 0.0 else float("nan")
 
 
 def rotation_angles(first: Array, second: Array) -> Array:
@@ -143,18 +128,8 @@ def fraction_difference(result: Array | None, reference: Array | None) -> float:
     return 0.5 * float(np.abs(a / max(a.sum(), 1) - b / max(b.sum(), 1)).sum()) if frames else float("nan")
 
 
-def _same_labels(result: Outcome, reference: Outcome) -> Array:
-    if result.states is None or reference.states is None:
-        return np.ones(len(reference.position), bool)
-    return result.states[-1] == reference.states[-1]
-
-
 def _median(values: Array) -> float:
     return float(np.median(values)) if len(values) else float("nan")
-
-
-def _relative(result: float, reference: float) -> float:
-    return abs(result - reference) / abs(reference) if reference else float("nan")
 
 
 def order(sizes: Any, values: Any) -> float:

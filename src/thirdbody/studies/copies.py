@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 from thirdbody import units
 from thirdbody.assembly.simulation import Simulation
 from thirdbody.atomic_files import write_whole
-from thirdbody.errors import GuardStop, InputError
+from thirdbody.errors import GuardStop, InputError, UsageError
 from thirdbody.jit.cache import cache_folder
 from thirdbody.scene.model import Scene
 from thirdbody.studies.point import code_version, point_name
-from thirdbody.studies.timing import Late, bare
+from thirdbody.studies.timing import rate
 from thirdbody.studies.variants import Base, springs_option
 
 FEWEST, FEWEST_THAT_MEET = 16, 50
@@ -48,6 +48,12 @@ SHORTEST_SETTLING = 0.125
 
 CLOSE = 0.8
 """Fraction of its time to which a run must be reduced before its distance is cut: a trial is no more accurate."""
+
+
+RUNS_OF_COPY, FEW_RUNS, ENOUGH_RUNS = 400.0, 4.0, 40.0
+"""Budget over the time of one run of the copy with the scene's own settings: some 20 variants, of which the reference takes as
+long as a hundred of these runs, and their timings; where the smallest copy takes longer, below which a study is refused; for the
+cheap variants, the finest law and the steps."""
 
 
 class StudySource(NamedTuple):
@@ -109,7 +115,8 @@ def make_copy(source: StudySource, target: float, few: bool, _stop: Callable[[],
     """Return a copy of a scene that integrates in about `target` seconds on one core; called in a worker. Raises InputError.
 
     The copy is run once, without frames, for its time and, where the explicit step is automatic, for the smallest one; a copy
-    whose time is far off is replaced. `few`: with few frames, which take longer to write than a short run to integrate.
+    whose time is far off is replaced. Raises UsageError where even the smallest one takes a large part of the budget. `few`:
+    with few frames, which take longer to write than a short run to integrate.
     """
     from thirdbody.runner.measurements import is_bed
     from thirdbody.runner.simulate import prepare, set_threads
@@ -132,21 +139,22 @@ def make_copy(source: StudySource, target: float, few: bool, _stop: Callable[[],
             limit = LAST * target
         copy, trial = smaller, prepare(smaller, source.plugins)
         try:
-            seconds = bare(trial, limit)[1]
-        except Late:
-            seconds = math.inf
+            seconds = rate(trial, limit)
         except GuardStop:  # its run will tell
             seconds = target
         if seconds <= DEAR * target or limit > DEAR * target:
             break
-        maximum = SMALLER * target if math.isinf(seconds) else target
+        maximum = SMALLER * target if seconds > limit else target
+    if seconds * FEW_RUNS > target * RUNS_OF_COPY:
+        budget, each, needed = (units.duration(x) for x in (target * RUNS_OF_COPY, seconds, seconds * ENOUGH_RUNS))
+        raise UsageError(f"--budget {budget}: one run of the smallest copy of this scene takes {each}; {needed} suffice")
     base = base_of(copy, built, source.plugins)
     if few:
         changes = coarsened(copy, built)
         copy = copy.with_settings(changes) if changes else copy
     words = reductions(scene, bodies if many else first.state.n_bodies, first.settle, copy, built)
     if base.kind == "explicit" and isinstance(copy.solver.time_step, str):
-        if math.isfinite(seconds):
+        if seconds <= limit:
             base = replace(base, step=min(base.step, float(trial.integrator.summary()["time_step_limit"]["smallest"])))
         words.append(f"the time step held at {units.pretty(base.step, 'time')}, the smallest that `auto` takes")
     bed = built.plan.kind == "explicit" and is_bed(built) and scene.plates.moving()
@@ -224,25 +232,28 @@ def thin(scene: Scene, bodies: int, fraction: float, fewest: int = FEWEST) -> di
     drawn = all(getattr(debris, "count", None) and getattr(debris, "placement", "") for debris in scene.debris)
     if fraction >= 1.0 or bodies <= fewest or not drawn:
         return {}
-    retained = max(fewest / bodies, _power_of_two(fraction))
-    counts = {k: max(1, round(retained * getattr(debris, "count", 1))) for k, debris in enumerate(scene.debris)}
-    left = sum(counts.values())
-    changes: dict[str, Any] = {f"debris.{k}.count": count for k, count in counts.items()}
-    near = math.sqrt(left / bodies)
-    changes["domain.size"] = [units.format_si(near * side, "length") for side in scene.domain.size]
     if upper is not None and upper.support != "load_per_particle" and upper.gap is None:
         if upper.loading is not None and upper.pressure is None:
             return {}
-        alone = ("mass", "damping") if upper.support == "rigid" else ()
-        for key, kind in {"load": "force", "mass": "mass", "damping": "damping"}.items():
-            value = getattr(upper, key)
-            if value is not None and (key == "load" or key in alone):
+        carried = {"load": "force"} | ({"mass": "mass", "damping": "damping"} if upper.support == "rigid" else {})
+    else:
+        carried = {}
+    retained = max(fewest / bodies, _power_of_two(fraction))
+    while retained < 1.0:
+        counts = [max(1, round(retained * getattr(debris, "count", 1))) for debris in scene.debris]
+        near = math.sqrt(sum(counts) / bodies)
+        changes: dict[str, Any] = {f"debris.{k}.count": count for k, count in enumerate(counts)}
+        changes["domain.size"] = [units.format_si(near * side, "length") for side in scene.domain.size]
+        for key, kind in carried.items():
+            if (value := getattr(upper, key)) is not None:
                 changes[f"plates.upper.{key}"] = units.format_si(near**2 * value, kind)
-    try:
-        scene.with_settings(changes)
-    except InputError:  # a domain shorter than the waves of its surfaces
-        return {}
-    return changes
+        try:
+            scene.with_settings(changes)
+        except InputError:  # a domain shorter than the waves of its surfaces
+            retained *= 2.0
+        else:
+            return changes
+    return {}
 
 
 def _power_of_two(fraction: float) -> float:
@@ -293,14 +304,13 @@ def coarsened(scene: Scene, built: Simulation) -> dict[str, Any]:
 
 
 def _round(value: float) -> float:
-    """Round to two digits."""
     return float(f"{value:.1e}")
 
 
 def base_of(scene: Scene, built: Simulation, plugins: Sequence[str | Path]) -> Base:
     """Return the settings of the scene itself: its law and springs, its integrator, and the steps of both."""
     from thirdbody.engine.accuracy import Accuracy
-    from thirdbody.engine.units import EXPLICIT, MARK
+    from thirdbody.engine.units import EXPLICIT
     from thirdbody.runner.simulate import prepare
     from thirdbody.scene.tables import IMPLICIT_KEYS
 
@@ -309,11 +319,18 @@ def base_of(scene: Scene, built: Simulation, plugins: Sequence[str | Path]) -> B
     step = built.state.dt
     if built.plan.kind == "implicit":
         step = math.nan
-        if all((cache_folder() / f"{MARK}{unit}").exists() for unit in EXPLICIT):  # compiling it takes as long as a small study
+        if units_are_compiled(EXPLICIT):  # compiling them takes as long as a small study
             other = {"solver.integrator": "explicit", **{f"solver.{key}": None for key in IMPLICIT_KEYS}}
             step = prepare(scene.with_settings(other), plugins, force=True).state.dt
     tolerance = scene.solver.tolerance or Accuracy().tolerance
     return Base(built.plan.kind, built.choice.level, springs, step, tolerance)
+
+
+def units_are_compiled(units: Sequence[str]) -> bool:
+    """Return whether these units of the kernels (`engine.units`) are in the cache."""
+    from thirdbody.engine.units import MARK
+
+    return all((cache_folder() / f"{MARK}{unit}").exists() for unit in units)
 
 
 def portable(scene: Scene) -> Scene:

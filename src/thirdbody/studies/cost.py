@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import statistics
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -81,14 +80,6 @@ class Study:
     def reference(self) -> Row:
         """Reference of the errors: the finest variant that finished."""
         return next(row for row in reversed(self.rows) if row.variant.reference)
-
-
-def one_pace(rows: Sequence[Row]) -> None:
-    """Scale the seconds of variants that alternated with the scene's own to one pace of the machine, that of its median."""
-    paces = [seconds for row in rows for seconds in row.beside]
-    for row in rows:
-        if row.beside:
-            row.cpu = [cpu * statistics.median(paces) / own for cpu, own in zip(row.cpu, row.beside, strict=True)]
 
 
 def compute_errors(built: Study) -> None:
@@ -196,7 +187,8 @@ def recommended(built: Study) -> tuple[Row, str]:
     limit = max(SAME, built.scatter.get(labels, 0.0))
     good = [row for row in close if not row.errors[labels] > limit]
     ties = _ties(good)
-    row = _best_of(built, ties or choices or [built.reference], own=bool(good))
+    best = min(ties or choices or [built.reference], key=lambda row: (significant_error(built, row, merit), row.seconds))
+    row = default if default is not None and default in ties else best
     own = ", the variant of the scene," if row is default else ""
     words = [f"`{row.variant.name}`{own} gives {percent(row.errors[merit])} {merit_in_words(built)} error"]
     if default is not None and default.stable and default is not row:
@@ -222,13 +214,6 @@ def _ties(rows: Sequence[Row]) -> list[Row]:
         return []
     first = min(rows, key=lambda row: row.seconds + row.timing.half)
     return [row for row in rows if not slower(row.timing, first.timing) or row.seconds <= (1.0 + GAIN) * first.seconds]
-
-
-def _best_of(built: Study, rows: Sequence[Row], own: bool) -> Row:
-    """Return the most accurate of these variants, of equally accurate ones the fastest; with `own` rather the scene's own."""
-    merit = figure_of_merit(built)
-    default = next((row for row in rows if own and row is built.default), None)
-    return default or min(rows, key=lambda row: (significant_error(built, row, merit), row.seconds))
 
 
 def _why_not_the_fastest(built: Study, row: Row, close: Sequence[Row], good: Sequence[Row]) -> Iterator[str]:

@@ -5,17 +5,20 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from thirdbody.atomic_files import write_whole
 from thirdbody.errors import InputError, Interrupted, OutputError, UsageError
 from thirdbody.report.tables import as_plain, print_json
 from thirdbody.runner.run_folder import lock_folder
+from thirdbody.scene.model import Scene
 from thirdbody.studies.copies import Copy, CopyMemory, StudySource, make_copy
-from thirdbody.studies.cost import Study, compute_errors, one_pace
+from thirdbody.studies.cost import Study, compute_errors
+from thirdbody.studies.cost_bench import Bench, Overdue
 from thirdbody.studies.cost_report import as_json, print_study
-from thirdbody.studies.cost_runs import Bench, Overdue, VariantRuns
-from thirdbody.studies.folder import new_study_folder, read_document, save_plan
-from thirdbody.studies.point import read_result
+from thirdbody.studies.cost_runs import VariantRuns
+from thirdbody.studies.folder import TABLE, new_study_folder, read_document, save_plan
+from thirdbody.studies.point import INTERRUPTED, read_result
 from thirdbody.units import duration
 
 REPEATS, BUDGET = 3, 420.0
@@ -23,8 +26,6 @@ REPEATS, BUDGET = 3, 420.0
 
 FEW_FRAMES = 420.0
 """Budget [s] below which the copy has few frames, which take longer to write than a short run to integrate."""
-
-PICTURE = "cost.png"
 
 
 class StudyOptions(NamedTuple):
@@ -44,66 +45,59 @@ class StudyOptions(NamedTuple):
 
 def cost_command(source: StudySource, options: StudyOptions, overwrite: bool, json: bool, log: Callable[[str], None]) -> None:
     """Run `thirdbody cost`. Raises ThirdbodyError; of a study that is refused nothing stays."""
-    compute = _effects if options.effects else _cost
     if options.picture is not None:
         with tempfile.TemporaryDirectory() as folder:
-            compute(source._replace(folder=Path(folder)), options, json, log)
+            _compute(source._replace(folder=Path(folder)), options, json, log)
         return
     if options.resume and source.folder.is_dir():
         with lock_folder(source.folder):
-            compute(source, options, json, log)
+            _compute(source, options, json, log)
         return
     with new_study_folder(source.folder, overwrite) as work_folder:
         try:
-            compute(source._replace(folder=work_folder), options, json, log, source.folder)
+            _compute(source._replace(folder=work_folder), options, json, log, source.folder)
         except KeyboardInterrupt:
             goes_on = "--resume goes on with the runs that are there"
             raise Interrupted(f"interrupted; {goes_on if work_folder == source.folder else 'the older study stays'}") from None
 
 
-def _cost(source: StudySource, options: StudyOptions, json: bool, log: Callable[[str], None], final: Path | None = None) -> None:
-    from thirdbody.studies.cost_plot import draw_study
-
-    began, folder = time.perf_counter(), source.folder
-    built = study(source, options.repeats, log, options.budget, options.resume)
-    pictures = [folder / PICTURE, (folder / PICTURE).with_suffix(".pdf")] if options.picture is None else [options.picture]
-    draw_study(built, *pictures)
-    built.elapsed = time.perf_counter() - began
-    report = as_json(built)
-    _write(folder / "cost.json", report)
-    if json:
-        print_json(report)
-        return
-    print_study(built)
-    where = final or folder
-    files = f"{where / PICTURE} (and .pdf), {where / 'cost.json'}, {where / 'points.csv'}, runs of the variants beside them"
-    print(options.picture or files)
-
-
-def _effects(
+def _compute(
     source: StudySource, options: StudyOptions, json: bool, log: Callable[[str], None], final: Path | None = None
 ) -> None:
-    from thirdbody.studies.effects import EFFECTS_PICTURE, draw_effects, effects_study, print_effects
+    from thirdbody.plot.figures import save
 
-    report = effects_study(source, options.repeats, log, options.only)
-    picture = source.folder / EFFECTS_PICTURE
-    draw_effects(report, *([picture, picture.with_suffix(".pdf")] if options.picture is None else [options.picture]))
-    _write(source.folder / "effects.json", report)
-    if json:
-        print_json(report)
-        return
-    print_effects(report)
-    where = final or source.folder
-    print(options.picture or f"{where / EFFECTS_PICTURE} (and .pdf), {where / 'effects.json'}")
+    began, folder, name = time.perf_counter(), source.folder, "effects" if options.effects else "cost"
+    if options.effects:
+        from thirdbody.studies.effects import effects_study, picture, print_effects
 
+        report = effects_study(source, options.repeats, log, options.only)
+        figure = picture(report)
+    else:
+        from thirdbody.studies.cost_plot import picture_of_study
 
-def _write(path: Path, report: dict[str, Any]) -> None:
-    from thirdbody.atomic_files import write_whole
-
+        built = study(source, options.repeats, log, options.budget, options.resume)
+        figure = picture_of_study(built)
+    for path in [options.picture] if options.picture is not None else [folder / f"{name}.png", folder / f"{name}.pdf"]:
+        save(figure, path)
+    if not options.effects:
+        built.elapsed = time.perf_counter() - began
+        report = as_json(built)
+    path = folder / f"{name}.json"
     try:
         write_whole(path, json_module.dumps(as_plain(report), indent=1).encode())
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
+    if json:
+        print_json(report)
+        return
+    where = final or folder
+    if options.effects:
+        print_effects(report)
+        runs = ""
+    else:
+        print_study(built)
+        runs = f", {where / TABLE}, runs of the variants beside them"
+    print(options.picture or f"{where / f'{name}.png'} (and .pdf), {where / f'{name}.json'}{runs}")
 
 
 def study(
@@ -118,51 +112,50 @@ def study(
     """
     from thirdbody.studies.timing import machine
 
-    if repeats < 2:
-        raise UsageError(f"--repeats {repeats}: at least 2, to know the scatter of the times")
     bench = Bench(budget)  # its processes start meanwhile
     try:
         report, scene = machine(), source.read()
-        runs = _begin(bench, source, CopyMemory(scene, source.plugins, budget), resume, log)
+        try:
+            runs = _begin(bench, source, scene, resume, log)
+        except Overdue:
+            raise UsageError(
+                f"--budget {duration(budget)}: too short to build the scene and run it once with its own settings; what was "
+                "compiled till now is kept, so a second try gets farther"
+            ) from None
         runs.compile_beside()
-        runs.run_all()
+        runs.run_all(repeats)
         runs.time_all(repeats)
-    except Overdue:
-        raise UsageError(
-            f"--budget {duration(budget)}: it was over before the scene was built and had run once with its own settings; what "
-            "was compiled till then is kept, so a second try gets farther"
-        ) from None
     finally:
         bench.close()
-    one_pace(runs.rows)
     built = Study(str(source.scene), scene.title, runs.copy.reduction, report, runs.rows, budget=budget)
     compute_errors(built)
     return built
 
 
-def _begin(bench: Bench, source: StudySource, memory: CopyMemory, resume: bool, log: Callable[[str], None]) -> VariantRuns:
+def _begin(bench: Bench, source: StudySource, scene: Scene, resume: bool, log: Callable[[str], None]) -> VariantRuns:
     """Return the variants of a copy, the own one of the scene already run. Raises Overdue.
 
     Raises InputError for a study that should go on and is one of another scene or version.
     """
+    memory = CopyMemory(scene, source.plugins, bench.budget)
+    compiled, copy = bench.compile_laws(source, scene), memory.read()
     if resume:
         document = read_document(source.folder)
         if document.get("study", {}).get("name") != memory.name:
             raise InputError(f"{source.folder}: is a study of another scene or version; --overwrite computes it anew")
         copy = Copy.of(document["study"]["copy"])
-    elif (saved := memory.read()) is not None:
-        copy = saved
-    else:
+    elif copy is None:
         log("building the scene and estimating its time")
-        copy = bench.call(make_copy, source, bench.target, bench.budget < FEW_FRAMES)
+        few, part = bench.budget < FEW_FRAMES, 0.5 if compiled else 1.0
+        copy = bench.call(make_copy, source, bench.target, few, part=part)
         memory.write(copy)
     runs = VariantRuns(bench, copy, source, log)
     save_plan(runs.table.plan, source.folder, {"study": {"name": memory.name, "copy": copy.document()}})
     for row, point in runs.points.items():
         if (result := read_result(point)) is not None:
             runs.enter(row, result)
-    own = runs.row_of(runs.own)
-    if not own.cpu:
-        runs.run(own, bench.left())
-    log(f"{own.variant.name}: {own.message or f'{own.cpu[0]:.3g} s'}")
+    if runs.own.cpu:
+        log(f"{runs.own.variant.name}: {runs.own.cpu[0]:.3g} s")
+    elif runs.run(runs.own, bench.left()) == INTERRUPTED:
+        raise Overdue
     return runs

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import textwrap
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from thirdbody.palette import LINE_COLORS
@@ -28,16 +27,7 @@ NOTHING = 1e-12
 """Smaller errors are drawn at this value: a variant with identical bits has none."""
 
 
-def draw_study(built: Study, *paths: Path) -> None:
-    """Write the picture (.png, .pdf or .svg), drawn once. Raises OutputError when it cannot be written."""
-    from thirdbody.plot.figures import save
-
-    figure = picture(built)
-    for path in paths:
-        save(figure, path)
-
-
-def picture(built: Study) -> Figure:
+def picture_of_study(built: Study) -> Figure:
     """Return the picture as a matplotlib figure."""
     from matplotlib.figure import Figure
 
@@ -53,7 +43,9 @@ def picture(built: Study) -> Figure:
     points = {row: (row.seconds, height) for row, height in heights}
     _points(axes, [row for row in rows if row is not built.reference], points)
     front = [row for row in efficient(built) if row in points]
-    _front(axes, front, points)
+    # steps: between two variants more time gains nothing until it suffices for the next one
+    axes.plot(*zip(*(points[row] for row in front), strict=True), color=INK, linewidth=1.2, linestyle="--",
+              drawstyle="steps-post", zorder=2, label="efficient front, to the reference")  # fmt: skip
     ringed = _marks(axes, built, points, merit)
     axes.margins(x=0.15, y=0.08)  # room for names
     _names(axes, rows, points, front, ringed)
@@ -92,13 +84,6 @@ def _points(axes: Any, rows: list[Row], points: dict[Row, tuple[float, float]]) 
 def _error_bars(rows: list[Row]) -> list[list[float]]:
     halves = [min(row.timing.half, 0.9 * row.seconds) for row in rows]  # the axis is logarithmic: no zero
     return [halves, halves]
-
-
-def _front(axes: Any, rows: list[Row], points: dict[Row, tuple[float, float]]) -> None:
-    """Draw the front as steps: between two variants more time gains nothing until it suffices for the next one."""
-    x, y = zip(*(points[row] for row in rows), strict=True)
-    axes.plot(x, y, color=INK, linewidth=1.2, linestyle="--", drawstyle="steps-post", zorder=2,
-              label="efficient front, to the reference")  # fmt: skip
 
 
 def _marks(axes: Any, built: Study, points: dict[Row, tuple[float, float]], merit: str) -> set[Row]:
@@ -151,7 +136,7 @@ def _names(axes: Any, rows: list[Row], points: dict[Row, tuple[float, float]], f
         others = [(px - r, py - r, px + r, py + r) for key, (px, py) in dots.items() if key != row
                   for r in (scale * (10.5 if key in ringed else 1.5),)]  # fmt: skip
         result: list[tuple[float, Box, tuple[float, float]]] = []
-        for dx, dy in ((_further(dx, off), _further(dy, 0.5 * off)) for dx, dy in _AROUND):
+        for dx, dy in ((dx + math.copysign(off, dx), dy + math.copysign(0.5 * off, dy)) for dx, dy in _AROUND):
             left, middle = x + dx * scale - (width if dx < 0 else 0.0), y + dy * scale
             box = (left, middle - 0.5 * height, left + width, middle + 0.5 * height)
             out = box[0] < inside[0] or box[2] > inside[2] or box[1] < inside[1] or box[3] > inside[3]
@@ -169,7 +154,6 @@ def _names(axes: Any, rows: list[Row], points: dict[Row, tuple[float, float]], f
 
 
 def _steps(points: list[Any]) -> list[Box]:
-    """Return the lines of the front."""
     pairs = list(zip(points, points[1:], strict=False))
     level = [(a[0], a[1], b[0], a[1]) for a, b in pairs]
     return level + [(b[0], min(a[1], b[1]), b[0], max(a[1], b[1])) for a, b in pairs]
@@ -177,11 +161,6 @@ def _steps(points: list[Any]) -> list[Box]:
 
 def _boxes_overlap(a: Box, b: Box) -> bool:
     return a[0] <= b[2] and b[0] <= a[2] and a[1] <= b[3] and b[1] <= a[3]
-
-
-def _further(value: float, more: float) -> float:
-    """Return a value farther from zero by `more`."""
-    return value + math.copysign(more, value)
 
 
 _AROUND = [

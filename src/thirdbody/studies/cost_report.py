@@ -24,8 +24,8 @@ from thirdbody.studies.cost import (
 from thirdbody.studies.timing import described
 from thirdbody.system.terminal import print_line
 
-LEFT_OUT = "left out: no time in the budget"
-"""Message of a variant that was not run."""
+LEFT_OUT = "left out"
+"""Beginning of the message of a variant that was not run."""
 
 FLOOR = 1e-9
 """Smaller errors are rounding and define no order."""
@@ -80,7 +80,6 @@ def _size(row: Row) -> float:
 
 
 def _series(built: Study, what: str, names: list[str], sizes: list[float], rows: list[Row]) -> dict[str, Any]:
-    """Return the errors of all rows but the last against the last."""
     merit, limit = figure_of_merit(built), rows[-1]
     assert limit.outcome is not None
     result = [errors(row.outcome, limit.outcome)[merit] if row.outcome is not None else math.nan for row in rows[:-1]]
@@ -247,7 +246,7 @@ def stopped(built: Study) -> dict[str, list[str]]:
 def _cells(row: Row, mark: str, base: float, columns: Mapping[str, str]) -> tuple[str, ...]:
     step = "" if row.step is None or math.isnan(row.step) else f"{row.step:.2g}{' s' if row.integrator == 'explicit' else ''}"
     if not row.stable:  # its partial result is not compared
-        what = "left out" if row.message == LEFT_OUT else "stopped" if row.cpu else "failed"
+        what = "left out" if row.message.startswith(LEFT_OUT) else "stopped" if row.cpu else "failed"
         return (mark, row.variant.name, step, what, *[""] * (len(columns) + 3))
     residual = row.outcome.residual if row.outcome is not None else None
     return (

@@ -21,7 +21,7 @@ from thirdbody.scene.model import Scene
 from thirdbody.studies.compare import errors, read_outcome
 from thirdbody.studies.copies import StudySource, portable, reduce_scene, reductions
 from thirdbody.studies.cost import percent
-from thirdbody.studies.cost_runs import time_point
+from thirdbody.studies.cost_bench import time_point
 from thirdbody.studies.folder import RUNS, SCENE_FILE
 from thirdbody.studies.point import DONE, Point, run_point
 from thirdbody.studies.timing import NUDGE, Late, machine
@@ -29,9 +29,6 @@ from thirdbody.studies.workers import LocalWorkers
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-EFFECTS_PICTURE = "effects.png"
-"""In the folder of the study."""
 
 SECONDS = 2.0
 """Integration time of one run of the copy [s]: some six effects, each in five pairs or, where a run is long, in two."""
@@ -201,15 +198,6 @@ NOTHING = 1e-6
 """Smaller changes are drawn at this value, at the edge."""
 
 
-def draw_effects(report: dict[str, Any], *paths: Path) -> None:
-    """Write the picture of the result of `effects_study` (.png, .pdf or .svg). Raises OutputError when it cannot be written."""
-    from thirdbody.plot.figures import save
-
-    figure = picture(report)
-    for path in paths:
-        save(figure, path)
-
-
 def with_over_without(row: dict[str, Any]) -> list[float]:
     """Return the time with the effect over that without it, pair by pair: the ratios of a row, or their inverses."""
     return [1.0 / ratio if row.get("named") else ratio for ratio in row["ratios"]]
@@ -237,7 +225,6 @@ def picture(report: dict[str, Any]) -> Figure:
 
 
 def _words(row: dict[str, Any]) -> str:
-    """Return whether the scene has it."""
     if "named" not in row:
         return " (scene twice)"
     return " (in the scene)" if row["named"] else " (tried)"

@@ -235,7 +235,6 @@ def _other_files(folder: Path) -> list[str]:
 
 
 def _replace_study(work_folder: Path, folder: Path) -> None:
-    """Replace the older study by a complete one. Raises OSError."""
     for name in _WHOLE:
         if os.path.lexists(work_folder / name):
             os.replace(work_folder / name, folder / name)

@@ -11,12 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from thirdbody import units
 from thirdbody.errors import SETTINGS, Fault, InputError, ThirdbodyError
 from thirdbody.scene.model import Scene
 from thirdbody.schema.fields import plain
 from thirdbody.schema.write import toml_text, toml_value_text
-from thirdbody.studies.axes import Settings
+from thirdbody.studies.axes import Settings, number_in_si
 from thirdbody.studies.point import DONE, Point, code_version, point_name, read_result
 from thirdbody.studies.results import unknown, with_states
 from thirdbody.studies.sweep_file import Definition
@@ -100,7 +99,6 @@ def make_plan(base: Scene, definition: Definition, folder: Path, plugins: Iterab
 
 
 def _paths(table: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield path and value of a table with tables inside."""
     for name, value in table.items():
         path = f"{above}.{name}" if above else str(name)
         if isinstance(value, Mapping):
@@ -175,7 +173,7 @@ def _column(axis: int, key: str, documents: Sequence[Any]) -> AxisColumn:
     """Return the values of a key in the resolved scenes, as numbers in SI where all are of one kind."""
     raw = [_value_at(document, _words(key)) for document in documents]
     try:
-        pairs = [_number(value) for value in raw]
+        pairs = [number_in_si(value) for value in raw]
     except ValueError:
         return AxisColumn(
             key, "1", tuple(value if isinstance(value, str) else toml_value_text(value, key) for value in raw), axis
@@ -196,29 +194,36 @@ def _value_at(document: Any, words: Sequence[str]) -> Any:
     return document
 
 
-def _number(value: Any) -> tuple[float, str]:
-    """Return a number in SI and its dimension. Raises ValueError for anything else."""
-    if isinstance(value, str):
-        return units.parse_any(value, tuple(DIMENSIONS))
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError("no number")
-    return value, "dimensionless"
-
-
 def estimate(plan: Plan, workers: int | None) -> dict[str, Any]:
     """Return what the missing points of a plan cost, from points that are done or from trials of a few; writes nothing.
 
     `core_seconds` of one core, `wall_time` [s] on `workers`, `disk` and `memory_per_worker` [bytes]; `measured`: number of points
     whose time is known, else that of `trials` is estimated; `failures`: trials that cannot start.
     """
+    from thirdbody.runner.outlook import memory_of, outlook
+    from thirdbody.runner.simulate import prepare, set_threads
+
     saved = {point.number: result for point in plan.points if (result := read_result(point)) is not None}
     missing = [point for point in plan.points if point.number not in saved]
     seconds = [result.seconds for result in saved.values() if result.status == DONE]
     sizes = [size for number in saved if (size := _bytes(plan.points[number].folder))]
-    trials, failures = _trials(missing[:: max(1, math.ceil(len(missing) / TRIALS))])
-    each = statistics.fmean(seconds) if seconds else _mean([float(trial["estimated_wall_time"]) for trial in trials])
-    stored = 1 if plan.points[0].keep == "all" else 0
-    disk = statistics.fmean(sizes) if sizes else stored * _mean([float(trial["disk"]) for trial in trials])
+    set_threads(1)
+    trials, memory, failures = list[dict[str, Any]](), [0], list[str]()
+    for point in missing[:: max(1, math.ceil(len(missing) / TRIALS))]:
+        try:
+            built = prepare(point.parsed(), point.plugins)
+        except ThirdbodyError as error:
+            failures.append(f"point {point.number}: {error.message}")
+        else:
+            memory.append(memory_of(built))
+            trials.append(outlook(built))
+
+    def mean(name: str) -> float:
+        known = [float(trial[name]) for trial in trials if math.isfinite(trial[name])]
+        return statistics.fmean(known) if known else math.nan
+
+    each = statistics.fmean(seconds) if seconds else mean("estimated_wall_time")
+    disk = statistics.fmean(sizes) if sizes else mean("disk") if plan.points[0].keep == "all" else 0.0
     count = max(1, min(workers or cores(), len(missing)))
     total = each * len(missing) if missing else 0.0
     return {
@@ -228,31 +233,11 @@ def estimate(plan: Plan, workers: int | None) -> dict[str, Any]:
         "core_seconds": total,
         "wall_time": total / count,
         "disk": int(disk * len(missing)) if missing and math.isfinite(disk) else 0,
-        "memory_per_worker": max((int(trial["memory"]) for trial in trials), default=0),
+        "memory_per_worker": max(memory),
         "measured": len(seconds),
         "trials": len(trials),
         "failures": failures,
     }
-
-
-def _trials(points: list[Point]) -> tuple[list[dict[str, Any]], list[str]]:
-    """Return the reports of `thirdbody check` for some points, and why others cannot start."""
-    from thirdbody.report.scene_check import check_report
-    from thirdbody.runner.simulate import prepare, set_threads
-
-    set_threads(1)
-    trials, failures = [], []
-    for point in points:
-        try:
-            trials.append(check_report(prepare(point.parsed(), point.plugins)))
-        except ThirdbodyError as error:
-            failures.append(f"point {point.number}: {error.message}")
-    return trials, failures
-
-
-def _mean(values: list[float]) -> float:
-    known = [value for value in values if math.isfinite(value)]
-    return statistics.fmean(known) if known else math.nan
 
 
 def _bytes(folder: Path) -> int:

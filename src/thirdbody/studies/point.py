@@ -137,7 +137,6 @@ def run_point(point: Point, stop: Callable[[], bool] = lambda: False) -> PointRe
 
 
 def _results(point: Point, stop: Callable[[], bool]) -> dict[str, float]:
-    """Run a point to its end and return its results. Raises ThirdbodyError."""
     from thirdbody.runner.simulate import execute
     from thirdbody.studies.results import results_of
     from thirdbody.studies.timing import attach, nudge

@@ -94,7 +94,6 @@ def result(name: str) -> Result:
 
 
 def _ever(run: Run, state: str) -> float:
-    """Return the fraction of bodies that have this state in any frame of the drag; NaN for a run without that state."""
     if not run.has_states or state not in run.state_names:
         return math.nan
     return float(np.mean((run.states[run.drag.during] == run.state_names.index(state)).any(axis=0)))

@@ -6,6 +6,7 @@ import math
 import os
 import sys
 import time
+import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Future
 from contextlib import contextmanager, suppress
@@ -241,7 +242,6 @@ def missing_points(table: Table, retry: bool = False) -> list[Point]:
 
 
 def _run(missing: list[Point], table: Table, execution: Execution) -> bool:
-    """Run points and enter their results; return False if stopped."""
     began, earlier = 0.0, len(table.rows) - len(missing)
     same: dict[Path, list[Point]] = {}
     for point in missing:
@@ -268,7 +268,6 @@ def _run(missing: list[Point], table: Table, execution: Execution) -> bool:
 
 @contextmanager
 def _executor(count: int, given: Any) -> Iterator[Any]:
-    """Yield the executor given, or local workers, which end with the sweep."""
     if given is not None:
         yield DaskPoints(given) if is_dask_client(given) else given
         return
@@ -291,7 +290,11 @@ def warm_up(points: Sequence[Point]) -> int:
 
     compiled: set[str] = set()
     for point in points[:: 1 + len(points) // EXAMINED]:
-        code = _composition(point.scene)
+        tables = tomllib.loads(point.scene)
+        contact = {key: value for key, value in tables.get("contact", {}).items() if not isinstance(value, float)}
+        rolling = any("rolling_friction" in pair for pair in tables.get("pairs", ()))
+        choice = sorted(tables.get("effects", {})), tables["solver"].get("integrator"), len(tables.get("pairs", ()))
+        code = repr((contact, *choice, rolling))  # laws, levels, whole-number options: what decides on compiled code
         if code not in compiled:
             compiled.add(code)
             with suppress(ThirdbodyError):
@@ -301,14 +304,3 @@ def warm_up(points: Sequence[Point]) -> int:
     except ImportError:  # not on Windows
         return 0
     return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-
-
-def _composition(scene: str) -> str:
-    """Return the names of laws, levels, whole-number options and effects of a resolved scene: what decides on its code."""
-    import tomllib
-
-    tables = tomllib.loads(scene)
-    contact = {key: value for key, value in tables.get("contact", {}).items() if not isinstance(value, float)}
-    choice = (contact, sorted(tables.get("effects", {})), tables["solver"].get("integrator"), len(tables.get("pairs", ())))
-    rolling = any("rolling_friction" in pair for pair in tables.get("pairs", ()))
-    return repr((*choice, rolling))

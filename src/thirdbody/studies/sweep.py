@@ -62,7 +62,6 @@ def _workers(workers: Any, executor: Any, resume: Any) -> int | None:
 def _plan_of_python(
     scene: Any, vary: Any, out: Path | None, plugins: Iterable[str | Path], options: Mapping[str, Any]
 ) -> tuple[Plan, Path]:
-    """Return the plan of the arguments of `sweep`, and its folder."""
     if vary is not None:
         points = isinstance(vary, Sequence) and not isinstance(vary, str) and all(isinstance(point, Mapping) for point in vary)
         if not isinstance(vary, Mapping) and not points:

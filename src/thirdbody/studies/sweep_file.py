@@ -18,7 +18,7 @@ from thirdbody.schema.fields import Choice, Count, Seed, Text, Whole, listing
 from thirdbody.schema.parts import MISSING, Location, Part, Wrong, wrongs_of
 from thirdbody.schema.read import Source, read_text, read_toml
 from thirdbody.schema.write import toml_value_text
-from thirdbody.studies.axes import SAMPLED, Axis, Column, Settings, design_fault, lengths_fault, read_column, settings_of_points
+from thirdbody.studies.axes import SAMPLED, Axis, Column, Settings, design_fault, read_column, settings_of_points
 from thirdbody.studies.results import DEFAULT
 
 VERSION = 1
@@ -165,7 +165,6 @@ def _definition(
     document: dict[str, Any], source: Source, folder: Path, wrongs: list[Wrong], from_file: bool,
     points: tuple[Settings, ...] = (),
 ) -> Definition:  # fmt: skip
-    """Return the checked sweep of a document. Raises InputError with all faults."""
     try:
         tables = SweepFile.model_validate(document, context={"file": from_file})
     except ValidationError as error:
@@ -193,7 +192,6 @@ def _definition(
 
 
 def _axes(tables: SweepFile, report: Any) -> Iterator[Axis]:
-    """Yield the axes of all tables, in the order of the file."""
     sampled, used = tables.design in SAMPLED, set[str]()
     for location, key, given in _leaves(tables.vary, ("vary",)):
         names = [name.strip() for name in key.split(",")]
@@ -208,8 +206,10 @@ def _axes(tables: SweepFile, report: Any) -> Iterator[Axis]:
         if not columns:
             report(group, "expected keys that move together")
             continue
-        if fault := lengths_fault([column for column in columns if column.values != ()]):
-            report(group, fault)
+        counts = {column.key: column.count for column in columns if column.values != ()}
+        if len(set(counts.values())) > 1:
+            listed = ", ".join(f"{count or 'sampled'} values of {key}" for key, count in counts.items())
+            report(group, f"moved together, but with {listed}")
         yield tuple(columns)
 
 

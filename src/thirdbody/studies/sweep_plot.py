@@ -110,7 +110,6 @@ def _panels(sweep: SweepTable, shown: Average, names: Sequence[str] | None) -> l
 
 
 def _words(name: str) -> str:
-    """Return the name of a result or a key in words."""
     if name.startswith(EVER):
         return f"ever {name.removeprefix(EVER)}, fraction of the bodies"
     if name.startswith(FRACTION):
@@ -201,7 +200,6 @@ def _is_log(values: np.ndarray) -> bool:
 
 
 def _scale(values: np.ndarray, unit: str) -> tuple[float, str]:
-    """Return the factor to a prefixed unit, and that unit."""
     if unit == "1":
         return 1.0, ""
     return prefix_for(float(np.abs(values).max(initial=0.0)), unit)
@@ -215,7 +213,6 @@ def _label_axis(axes: Axes, which: str, key: str, unit: str, values: np.ndarray)
 
 
 def _short(key: str) -> str:
-    """Return the last word of a key."""
     return key.rpartition(".")[2]
 
 

@@ -197,7 +197,6 @@ def average(sweep: SweepTable, x: str, y: str | None) -> Average:
 
 
 def _mean(values: np.ndarray) -> tuple[float, float]:
-    """Return mean and standard error of the values that are numbers; NaN without any."""
     known = values[np.isfinite(values)]
     if not len(known):
         return math.nan, 0.0

@@ -134,6 +134,14 @@ def bare(built: Simulation, limit: float) -> tuple[float, float]:
     return clock.wall - calls * wall, clock.cpu - calls * cpu
 
 
+def rate(built: Simulation, limit: float) -> float:
+    """Return the expected seconds of `bare`, from a trial of at most `limit` seconds: more than that where it did not end."""
+    try:
+        return bare(built, limit)[1]
+    except Late:
+        return limit * built.planned_time / min(max(built.state.time, 1e-3 * built.planned_time), 0.999 * built.planned_time)
+
+
 def nudge(state: State, number: int, size: float = NUDGE) -> None:
     """Displace all bodies along the plates and rotate them, at random; each `number` gives other displacements.
 
@@ -220,7 +228,6 @@ def machine() -> dict[str, Any]:
 
 
 def _processor() -> str:
-    """Return the model name of the processor, `unknown` if the system does not give it."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

@@ -1,7 +1,7 @@
 """Variants of a scene for a study of accuracy: contact law, springs, time step and integrator, one changed at a time."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -14,6 +14,9 @@ from thirdbody.studies.timing import NUDGE
 
 Law = tuple[str, int | None]
 """Level and its springs."""
+
+Code = tuple[str, str]
+"""Settings of the contact in words, and the integrator: variants with the same have the same compiled laws."""
 
 SPRINGS = (8, 16, 32, 64, 128)
 """Springs of a level that has that option."""
@@ -90,9 +93,20 @@ class Variant:
         """Level and springs."""
         return self.level, self.springs
 
+    @property
+    def code(self) -> Code:
+        """What decides on its compiled laws."""
+        return code_of(self.changes, self.integrator)
+
     def step(self, base: Base) -> float:
         """Return its time step [s], or its tolerance."""
         return self.factor * (base.step if self.integrator == "explicit" else base.tolerance)
+
+
+def code_of(changes: Mapping[str, Any], integrator: str) -> Code:
+    """Return what decides on the compiled laws of a scene with these changes."""
+    contact = {key: value for key, value in changes.items() if key.startswith("contact.") and key != "contact.debris_contact"}
+    return repr(sorted(contact.items())), integrator
 
 
 @dataclass
@@ -143,9 +157,9 @@ def variants_of(scene: Scene, family: LawFamily, base: Base) -> list[Variant]:
     an automatic one depends on the contacts: laws would differ by their steps too, and a body that rocks into position while it
     settles would confound that with the law's error.
     """
-    laws = [(level, springs) for level in family.levels for springs in _springs_of(family, level, base)]
-    other = "implicit" if base.kind == "explicit" else "explicit"
-    own, finest = (base.level, base.springs), laws[-1]
+    own, other = (base.level, base.springs), "implicit" if base.kind == "explicit" else "explicit"
+    laws = laws_of(scene, family, own)
+    finest = list(laws)[-1]
 
     def variant(axis: str, law: Law, kind: str, factor: float = 1.0) -> Variant:
         level, springs = law
@@ -154,10 +168,7 @@ def variants_of(scene: Scene, family: LawFamily, base: Base) -> list[Variant]:
             what = "step" if kind == "explicit" else "tolerance"
             words.append(f"{what} x{factor:g}" if factor > 1.0 else f"{what} /{1.0 / factor:g}")
         default = axis == "law" and law == own
-        changes = {**_law_changes(scene, family, law), **_step_changes(base, kind, factor)}
-        if law == finest and (law != own or axis == "reference"):
-            known = _options_of(family, level) & set(CURVES)
-            changes |= {f"contact.{key}": max(CURVES[key], scene.contact.options.get(key, CURVES[key])) for key in known}
+        changes = laws[law] | (_curves(scene, family, level) if axis == "reference" else {}) | _step_changes(base, kind, factor)
         return Variant(", ".join(words), axis, *law, kind, factor, default, axis == "reference", changes)
 
     variants = [variant("law", law, base.kind) for law in laws]
@@ -201,24 +212,32 @@ def springs_option(family: LawFamily, level: str) -> int | None:
     return int(result[0]) if result else None  # type: ignore[arg-type]
 
 
-def _springs_of(family: LawFamily, level: str, base: Base) -> Sequence[int | None]:
-    if springs_option(family, level) is None:
-        return (None,)
-    own = {base.springs} if level == base.level and base.springs else set()
-    return sorted({*SPRINGS, *own})  # type: ignore[type-var]
+def laws_of(scene: Scene, family: LawFamily, own: Law) -> dict[Law, dict[str, Any]]:
+    """Return all laws from the coarsest to the finest, with the changes of the scene that they need.
+
+    Options of the scene that a level does not know are removed; a finest law that is not the scene's own resolves curves.
+    """
+    laws: dict[Law, dict[str, Any]] = {}
+    for level in family.levels:
+        known, given = _options_of(family, level), {own[1]} if level == own[0] and own[1] else set()
+        changes = {f"contact.{key}": None for key in scene.contact.options if key not in known} | {"contact.level": level}
+        if springs_option(family, level) is None:
+            laws[level, None] = changes
+        else:
+            laws |= {(level, n): changes | {"contact.springs": n} for n in sorted({*SPRINGS, *given})}
+    finest = list(laws)[-1]
+    if finest != own:
+        laws[finest] |= _curves(scene, family, finest[0])
+    return laws
+
+
+def _curves(scene: Scene, family: LawFamily, level: str) -> dict[str, Any]:
+    known = _options_of(family, level) & set(CURVES)
+    return {f"contact.{key}": max(CURVES[key], scene.contact.options.get(key, CURVES[key])) for key in known}
 
 
 def _options_of(family: LawFamily, level: str) -> set[str]:
     return {option.name for law in family.levels[level] for option in law.options}
-
-
-def _law_changes(scene: Scene, family: LawFamily, law: Law) -> dict[str, Any]:
-    """Return the level and its springs; options of the scene that the level does not know are removed."""
-    level, springs = law
-    known = _options_of(family, level)
-    changes: dict[str, Any] = {f"contact.{key}": None for key in scene.contact.options if key not in known}
-    changes["contact.level"] = level
-    return changes | ({"contact.springs": springs} if springs is not None else {})
 
 
 def _step_changes(base: Base, kind: str, factor: float) -> dict[str, Any]:
