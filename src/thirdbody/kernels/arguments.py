@@ -14,7 +14,9 @@ from numba import types
 from thirdbody.jit.arguments import Kinds, Unpacked, make_unpacker, make_view
 
 
-class ContactStep(NamedTuple):
+class ContactStep(
+    namedtuple("ContactStep", "load force limit slip speed friction_work contact_radius peak_pressure overlap dt plate")
+):
     """What a contact did in a step, input of measures.
 
     Attributes
@@ -39,18 +41,6 @@ class ContactStep(NamedTuple):
         1 where the partner is a plate, 0 where it is another body.
     """
 
-    load: float
-    force: float
-    limit: float
-    slip: float
-    speed: float
-    friction_work: float
-    contact_radius: float
-    peak_pressure: float
-    overlap: float
-    dt: float
-    plate: float
-
 
 class Motion(NamedTuple):
     """Length of a step [s] and mean velocity of the upper plate in it, along x and y [m/s]."""
@@ -61,21 +51,16 @@ class Motion(NamedTuple):
 
 
 class Step(NamedTuple):
-    """A step of the explicit integrator; usable as a `Motion`.
+    """A step of the explicit integrator; usable as a `Motion`."""
 
-    `number`: within this call of the step loop; `record`: output or labels need it; `time`: at its end [s]; `pending`: 1: the
-    closing half kick of the last step is pending, 0: it is done; `turn`: time for which the spins of single spheres rotate them
-    in this step [s], mostly 0 (`kernels.bodies`).
-    """
-
-    number: int | np.int64
-    record: bool
-    time: float
+    number: int | np.int64  # within this call of the step loop
+    record: bool  # output or labels need it
+    time: float  # at its end [s]
     dt: float
     v_x: float
     v_y: float
-    pending: float
-    turn: float
+    pending: float  # 1: the closing half kick of the last step is pending, 0: it is done
+    turn: float  # time for which the spins of single spheres rotate them in this step [s], mostly 0 (`kernels.bodies`)
 
 
 Tile = namedtuple("Tile", "inputs outputs tangents geometry")

@@ -50,8 +50,7 @@ def store_three(S, s, c, v):
 
 @njit(**BARE)
 def place_sphere(s, offsets, motion, h, S):
-    """Set position, arm and velocities of sphere s, those of the step and those at its end. The arm for the step is that of half
-    a step of length 2 h ago. `motion`: a `BodyMotion` of vectors of four."""
+    """Set position, arm and velocities of sphere s by a `BodyMotion` of vectors of four. The step uses the arm of h [s] ago."""
     rotation, w = motion.rotation, motion.spin
     arm = rotation[0] * broadcast(offsets[s, 0]) + rotation[1] * broadcast(offsets[s, 1]) + rotation[2] * broadcast(offsets[s, 2])
     middle = arm - broadcast(h) * cross(w, arm)
@@ -78,7 +77,6 @@ def arm_to_sphere(s, S):
 
 @njit(**BARE)
 def vector(v):
-    """Return a tuple of three as a vector of four."""
     return set4(v[0], v[1], v[2], 0.0)
 
 
@@ -91,8 +89,7 @@ def columns(matrix):
 
 @njit(**BARE_CHUNK)
 def place_body(b, start, offsets, S, motion, dt):
-    """Set positions, arms and velocities of body b's spheres. `motion`: a `BodyMotion` of tuples of three, with the quaternion as
-    rotation."""
+    """Set positions, arms and velocities of body b's spheres by a `BodyMotion` of tuples of three, with the quaternion."""
     x, q, v, w, end_v, end_w = motion
     vectors = BodyMotion(vector(x), columns(matrix(q[0], q[1], q[2], q[3])), vector(v), vector(w), vector(end_v), vector(end_w))
     for s in range(start[b], start[b + 1]):
@@ -112,8 +109,7 @@ def spin_body(b, B, E, orientations):
 
 @entry(types.void(types.boolean, _I1, _F2, _F2, _F2, _F2, _F2), **DIRECT, **NO_COUNTS)
 def place_all(spins, start, offsets, S, B, E, orientations):
-    """Place all spheres at the present poses of their bodies, with present velocities; update the spins of bodies, or take them
-    as they are."""
+    """Place all spheres at the present poses and velocities of their bodies; update the spins of these, or take them as given."""
     for b in range(B.shape[0]):
         if spins:
             spin_body(b, B, E, orientations)
@@ -123,7 +119,6 @@ def place_all(spins, start, offsets, S, B, E, orientations):
 
 @njit(**BARE_CHUNK)
 def place_as_it_is(b, start, offsets, S, B, orientations):
-    """Place the spheres of body b at its present pose, with its present velocity and spin."""
     x, v, w = three(B, b, body.POSITION), three(B, b, body.VELOCITY), three(B, b, body.SPIN)
     place_body(b, start, offsets, S, BodyMotion(x, quaternion(b, orientations), v, w, v, w), 0.0)
 
@@ -149,13 +144,6 @@ def limits_of(D):
     low_x, high_x = (0.0, -l_x) if l_x < 0.0 else (-np.inf, np.inf)
     low_y, high_y = (0.0, -l_y) if l_y < 0.0 else (-np.inf, np.inf)
     return set4(low_x, low_y, D[domain.FLOOR], -np.inf), set4(high_x, high_y, np.inf, np.inf)
-
-
-@njit(**BARE_CHUNK)
-def reset_plate_forces(first, last, own, body, E):
-    """Reset the push of the upper plate on the bodies of candidates first to last; the contacts sum it again."""
-    for k in range(first, last):
-        E[np.uint64(body[own[k]]), body_extra.UPPER_PUSH] = 0.0
 
 
 @njit(**BARE)
@@ -202,6 +190,6 @@ def rotate_sphere(q, w, time):
 
 @njit(**BARE)
 def rotate_behind(b, behind, B, orientations):
-    """Return the orientation of body b now, a vector of four. `behind`: `run_totals.BEHIND` [s], for a single sphere."""
+    """Return the orientation of body b now, a vector of four. `behind`: `run_totals.BEHIND` [s]."""
     q = load(orientations, b, orientation.QUATERNION)
     return q if B[b, body.SPHERE_INERTIA] == 0.0 or behind == 0.0 else rotate_sphere(q, load(B, b, body.SPIN), behind)

@@ -58,7 +58,6 @@ def pack_triple(x, y, z):
 
 @njit(**BARE)
 def one_of(bits, power):
-    """Return the number in the last field."""
     return (number_of((bits & FIELD ^ SIGN) | WHOLE) - ZERO) * power
 
 
@@ -78,7 +77,7 @@ def normal_loss_of(q, column, tile):
 
 @njit(**BARE_CHUNK)
 def add_normal_losses(n, slots, context, tile):
-    """Add the losses of the contacts slots[:n] to their bodies, to each half; that of a body of another group to its row of F."""
+    """Add the losses of the contacts slots[:n] to their bodies, to each half; in another group to its row of F."""
     E, body_of = context.E, context.body
     for q in range(n):
         k, work = np.int64(slots[q]), normal_loss_of(q, context.loss_column, tile)
@@ -92,26 +91,20 @@ def add_normal_losses(n, slots, context, tile):
 
 
 @njit(**BARE)
-def work_of_mean(q, old, new, displacement, tile):
-    """Return the work, at elements q to q + 3, of the mean of an old and a new vector [J], fields from `old` of the inputs and
-    from `new` of the outputs on; the `displacement` is two fields of the inputs."""
-    I, O, x = tile.inputs, tile.outputs, displacement  # noqa: E741
-    along = (get(I, q + old * TILE) + get(O, q + new * TILE)) * get(I, q + x * TILE)
-    across = (get(I, q + (old + 1) * TILE) + get(O, q + (new + 1) * TILE)) * get(I, q + (x + 1) * TILE)
-    return broadcast(0.5) * (along + across)
+def work_of_sum(q, old, new, x, tile):
+    """Return the work [J], at elements q to q + 3, of the sum of a field of the inputs and one of the outputs along another."""
+    return (get(tile.inputs, q + old * TILE) + get(tile.outputs, q + new * TILE)) * get(tile.inputs, q + x * TILE)
 
 
 @njit(**BARE)
-def twist_work_of_mean(q, old, new, twist, tile):
-    """Return the same of moments about the normal and of the rotation `twist` about it, one field each."""
-    I, O = tile.inputs, tile.outputs  # noqa: E741
-    return broadcast(0.5) * ((get(I, q + old * TILE) + get(O, q + new * TILE)) * get(I, q + twist * TILE))
+def work_of_mean(q, old, new, x, tile):
+    """Return the work [J] of the mean of two vectors of two fields each, from `old` and `new` on, along one from x on."""
+    return broadcast(0.5) * (work_of_sum(q, old, new, x, tile) + work_of_sum(q, old + 1, new + 1, x + 1, tile))
 
 
 @njit(**BARE_CHUNK)
 def book(n, context, tile):
-    """Replace the friction loss that the laws of n contacts booked by that of the mean force. The context has the columns of the
-    history with the force, both moments and the energy of the springs; moment, twist -1: none."""
+    """Replace the friction loss that the laws of n contacts booked by that of the mean force; moment, twist -1: none."""
     I, O, moment, twist = tile.inputs, tile.outputs, context.moment, context.twist  # noqa: E741
     old, new = law_input.HISTORY + context.force, law_output.HISTORY + context.force
     for q in range(0, n, LANES):
@@ -122,8 +115,8 @@ def book(n, context, tile):
             dissipated = dissipated - work_of_mean(q, law_input.HISTORY + moment, law_output.HISTORY + moment, rotation, tile)
         if twist >= 0:
             rotation = law_input.HISTORY + context.n_history + rolling_input.TWIST
-            work = twist_work_of_mean(q, law_input.HISTORY + twist, law_output.HISTORY + twist, rotation, tile)
-            dissipated = dissipated - work
+            work = work_of_sum(q, law_input.HISTORY + twist, law_output.HISTORY + twist, rotation, tile)
+            dissipated = dissipated - broadcast(0.5) * work
         dissipated = clamp_below(dissipated - get(O, q + law_output.STORED_TANGENTIAL * TILE), 0.0)
         before = get(O, q + law_output.DISSIPATED * TILE)
         put(O, q + law_output.DISSIPATED * TILE, before + (dissipated - get(O, q + law_output.FRICTION_LOSS * TILE)))
@@ -131,7 +124,7 @@ def book(n, context, tile):
 
 @njit(**BARE)
 def book_opened(n, context, tile):
-    """Do the same for n contacts that opened within the step: their loss goes to law_output.DISSIPATED."""
+    """Do the same for n contacts that opened within the step."""
     O, force, moment = tile.outputs, law_output.HISTORY + context.force, law_output.HISTORY + max(context.moment, 0)  # noqa: E741
     twist = law_output.HISTORY + max(context.twist, 0)
     for q in range(n):
@@ -163,7 +156,6 @@ def load_dashpot_forces(n, context, I):  # noqa: E741
 
 @njit(**BARE_CHUNK)
 def store_dashpot_forces(n, context, O):  # noqa: E741
-    """Store the forces and, if any, the moments of the dashpots of n contacts in the history."""
     new, behind = O[(law_output.HISTORY + context.dashpots) * TILE :], O[(law_output.HISTORY + context.n_history) * TILE :]
     for q in range(n):
         p = np.uint64(q)
@@ -179,7 +171,6 @@ def store_dashpot_forces(n, context, O):  # noqa: E741
 
 @njit(**BARE)
 def has_dashpot_moments(context):
-    """Return whether the history has moments of dashpots, in the column after that of their forces."""
     return context.n_history >= context.dashpots + 2
 
 
@@ -207,7 +198,7 @@ def book_dashpots(n, dt, context, tile):
             work = work + work_of_mean(q, rate, moment, rotation + rolling_input.ROTATION_X, tile)
         if has_twist(context):
             rate, moment = rotation + rolling_input.TWIST_RATE, behind + rolling_output.VISCOUS_TWIST
-            work = work + twist_work_of_mean(q, rate, moment, rotation + rolling_input.TWIST, tile)
+            work = work + broadcast(0.5) * work_of_sum(q, rate, moment, rotation + rolling_input.TWIST, tile)
         put(O, q + law_output.DASHPOT_POWER * TILE, clamp_below(broadcast(0.0) - work, 0.0))
     store_dashpot_forces(n, context, O)
 

@@ -84,7 +84,6 @@ lane = Table(
 
 @njit(**BARE)
 def gather_spot(e, k, at, context, W):
-    """Write spot number e, candidate k, into row `at` of W."""
     i, S = context.own[k], context.S
     radius, overlap = plates.effective_radius(k, context), plates.overlap(k, context)
     W[at + spot.NUMBER] = e
@@ -110,7 +109,6 @@ def compliance(a, b, c, W):
 
 @njit(**BARE)
 def finish(a, force, relief, pull, W, spots):
-    """Write the results of the spot in row a."""
     e = np.uint64(W[a + spot.NUMBER])
     spots.relief[e], spots.force[e], (spots.pull_x[e], spots.pull_y[e]) = relief, force, pull
 
@@ -179,8 +177,7 @@ def lane_compliance(t, p, q, L):
 
 @njit(**BARE)
 def newton_step(radii, compliances, one, two, three):
-    """Return the contact radii of three spots after a step of Newton's method, and the steps. `compliances`: g of the pairs 1 2,
-    1 3 and 2 3; `one`, `two`, `three`: radius, force over a^3 and a^2 alone of each spot."""
+    """Return contact radii of three spots after a step of Newton's method, and the steps; g of the pairs 1 2, 1 3 and 2 3."""
     (u1, u2, u3), (g, h, k), (r1, q1, y1), (r2, q2, y2), (r3, q3, y3) = radii, compliances, one, two, three
     n1, n2, n3 = q1 * u1 * u1, q2 * u2 * u2, q3 * u3 * u3
     e1 = u1 * u1 + r1 * (g * n2 * u2 + h * n3 * u3) - y1
@@ -201,8 +198,7 @@ def newton_step(radii, compliances, one, two, three):
 
 @njit(**BARE_CHUNK)
 def solve_lanes(L):
-    """Solve the groups in all lanes by Newton's method, at once in the processor's vectors; unused lanes hold anything. All make
-    the same number of steps, so that the bits of one do not depend on the others."""
+    """Solve the groups in all lanes, unused ones too, in equally many steps: the bits of one do not depend on the others."""
     for t in range(LANES):
         g, g_x, g_y = lane_compliance(t, 0, 1, L)
         h, h_x, h_y = lane_compliance(t, 0, 2, L)
@@ -249,8 +245,7 @@ def finish_lanes(count, L, W, G, spots):
 
 @njit(**BARE)
 def solve_side(count, first, n, c, L, W, G, spots):
-    """Solve n spots in the rows from `first` on, or put two or three into lane `count`, with a third of two that is far off and
-    carries nothing; return the number of lanes in use."""
+    """Solve n spots in the rows from `first` on, or put two or three into lane `count`; return the number of lanes in use."""
     if n == 1:
         finish(first, lone_force(first, W), 0.0, (0.0, 0.0), W, spots)
     elif n > 3:
@@ -277,8 +272,7 @@ def tables(rows):
 
 @njit(**BARE)
 def solve_spots(count, first, last, slots, context, spots):
-    """Solve the spots slots[first:last], all of one body: those on the lower plate, then those on the upper one. Some are left in
-    the lanes (`finish_lanes`); returns how many are in use, of `count` before: two more at the most."""
+    """Solve the spots slots[first:last] of a body, or put them into at most two more lanes; return how many lanes are in use."""
     L, W = tables(spots.rows)
     low, high = first, last
     for e in range(first, last):
@@ -292,13 +286,6 @@ def solve_spots(count, first, last, slots, context, spots):
     G = W[last * spot.WIDTH :]
     count = solve_side(count, first * spot.WIDTH, low - first, context.interaction[0], L, W, G, spots)
     return solve_side(count, high * spot.WIDTH, last - high, context.interaction[1], L, W, G, spots)
-
-
-@njit(**BARE_CHUNK)
-def solve_body(m, slots, context, spots):
-    """Solve the spots slots[:m] of one body."""
-    L, W = tables(spots.rows)
-    finish_lanes(solve_spots(np.int64(0), np.int64(0), m, slots, context, spots), L, W, W[m * spot.WIDTH :], spots)
 
 
 @njit(**BARE_CHUNK)
@@ -349,22 +336,13 @@ def place_spots(t, n, filled, spots, G):
 
 @njit(**BARE)
 def spots_of(tile):
-    """Return the fields of a tile as spots, for the contacts of one body."""
     G, a, b = tile.geometry, geometry.RELIEF * TILE, geometry.SPOT_FORCE * TILE
     c, d = geometry.PULL * TILE, (geometry.PULL + 1) * TILE
     return Spots(G[a : a + TILE], G[b : b + TILE], G[c : c + TILE], G[d : d + TILE], tile.outputs)
 
 
 @njit(**BARE)
-def spots_in(gaps):
-    """Return the scratch of a group, which its overlaps no longer need, as spots."""
-    n = (gaps.shape[0] - lane.WIDTH * LANES) // (FIELDS + spot.WIDTH)
-    return Spots(gaps[:n], gaps[n : 2 * n], gaps[2 * n : 3 * n], gaps[3 * n : 4 * n], gaps[FIELDS * n :])
-
-
-@njit(**BARE)
 def relieve(n, tile):
-    """Relieve the overlaps of n contacts, for the laws."""
     I, G = tile.inputs, tile.geometry  # noqa: E741
     for q in range(n):
         overlap = I[q + law_input.OVERLAP * TILE]

@@ -119,8 +119,7 @@ def jet_beside(jet, d_x, d_y):
 
 @njit(**BARE)
 def rounded(left, right, beyond, spacing):
-    """Return the third derivative near a border, and what its ramp adds to the second one. `left`, `right`: third derivatives on
-    both sides; `beyond`: distance from the border, at most RAMP [cells]."""
+    """Return the third derivative near a border, and what its ramp adds to the second one; `beyond`: distance from it [cells]."""
     rest = RAMP - abs(beyond)
     third = 0.5 * (left + right + (right - left) * beyond / RAMP)
     return third, 0.25 * (right - left) * spacing * rest * rest / RAMP
@@ -129,8 +128,8 @@ def rounded(left, right, beyond, spacing):
 @njit(**BARE_CHUNK)
 def rounded_jet(field, jet, x, y):
     """Return the jet at a point (x, y) [m] with second derivatives whose kinks between cells are rounded off. The third
-    derivatives of a bicubic spline jump there, and with them the force that follows from the change of the effective radius: a
-    sphere that it traps on a border is in balance on neither side, and no implicit step could end there."""
+    derivatives jump there, and with them the gradient force: a sphere that it traps there is in balance on neither side, and no
+    step ends."""
     h, s_x, s_y, xx, xy, yy, xxx, xxy, xyy, yyy = jet
     rate_x, rate_y = field[head.RATE_X], field[head.RATE_Y]
     i, j = math.floor(x * rate_x + 0.5), math.floor(y * rate_y + 0.5)  # the nearest borders

@@ -18,7 +18,6 @@ def pieces(columns: np.ndarray) -> np.ndarray:
 
 @njit(**BARE)
 def load_field(q, k, context, tile):
-    """Load the field of candidate k into the tile, as that of contact q."""
     I, H, begin, size = tile.inputs, context.H, context.field_begin, context.field_size  # noqa: E741
     at = (law_input.HISTORY + begin) * TILE + q * size
     for f in range(size):
@@ -33,8 +32,7 @@ def spring_energy(k, context):
 
 @njit(**BARE)
 def reset_history(k, context):
-    """Clear the history of a contact that opened, but what measures have summed (`engine.measures`). Returns the energy of its
-    springs (`spring_energy`), which is dissipated."""
+    """Clear the history of a contact that opened, but for measures; return the energy of its springs, which is dissipated [J]."""
     lost, H = spring_energy(k, context), context.H
     for h in range(H.shape[1] - context.measured):
         H[k, h] = 0.0
@@ -68,7 +66,6 @@ def store_around_field(q, k, context, tile):
 
 @njit(**BARE_CHUNK)
 def store_history(n, slots, context, tile):
-    """Store the history of the contacts slots[:n] after the step, from a tile."""
     O, G, n_history, none = tile.outputs, tile.geometry, context.n_history, broadcast(0.0)  # noqa: E741
     for q in range(0, n, LANES):
         e, h = q + geometry.AXIS * TILE, q + law_output.HISTORY * TILE
@@ -137,8 +134,7 @@ def keep(low, high, p, closed, new):
 
 @njit(**BARE_CHUNK)
 def broadcast_parameters(I, n_contacts, pairs, width, U):  # noqa: E741
-    """Copy the row of `pairs` (`width` numbers) of each contact's pair type to its element in U, stride TILE. The types are
-    compared first: mostly all contacts are of one type."""
+    """Copy the row of `pairs` of each contact's pair type to its element in U; mostly all contacts are of one type."""
     first, alike = I[law_input.PAIR_TYPE * TILE], True
     for q in range(n_contacts):
         alike &= I[q + law_input.PAIR_TYPE * TILE] == first

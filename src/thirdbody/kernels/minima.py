@@ -35,7 +35,6 @@ update_at = function_at(UPDATE)
 
 @njit(**BARE)
 def update_surfaces(first, last, context):
-    """Update the rows of Q of candidates first to last, all those of a sphere with a plate."""
     tables = RoughPlates(context.own, context.partner, context.S, context.P, context.Q, context.D, context.lower, context.upper)
     update_at(context.update_surfaces)(np.int64(first), np.int64(last), tables)
 
@@ -61,7 +60,6 @@ APART = 1.0 + 1e-9  # least distance over the radius plus reach in a row whose m
 
 @njit(**BARE)
 def is_same(one, other, field):
-    """Return whether two offsets (2,) [m] are those of the same minimum."""
     tolerance = 2.0 * closest_point.MERGE / max(field[height_field.RATE_X], field[height_field.RATE_Y])
     return abs(one[0] - other[0]) <= tolerance and abs(one[1] - other[1]) <= tolerance
 
@@ -118,8 +116,7 @@ def write_normal(k, normal, upper, Q):
 
 @njit(**BARE_CHUNK)
 def follow(k, field, x, start, tables):
-    """Move the minimum of row k from an offset `start` (2,) to where it is for a centre x (3,), in the plate's coordinates. The
-    derivatives are computed only within the reach of the contact."""
+    """Move the minimum of row k from an offset `start` (2,) to where it is for a centre x (3,), in the plate's coordinates."""
     Q, D, radius, upper = tables.Q, tables.D, tables.S[tables.own[k], sphere.RADIUS], is_upper(tables.partner[k])
     curved = D[domain.CURVED + upper] != 0.0
     foot = closest(field, x, start[0], start[1])
@@ -159,8 +156,8 @@ def follow_all(k, field, x, shortest, tables):
 
 @njit(**BARE_CHUNK)
 def search_all(k, field, x, limits, tables):
-    """Search for all minima of the sphere whose first row is k. `limits` [m]: the largest distance of a minimum that gets a row,
-    and the shortest one without contact."""
+    """Search for the minima of the sphere whose first row is k. `limits` [m]: largest distance of one that gets a row, and the
+    shortest one without contact."""
     Q, (farthest, shortest) = tables.Q, limits
     minima = Q[k : k + BASINS, surface_contact.NEARBY : surface_contact.NEARBY + 3]
     n = min(closest_point.find_minima(field, x, farthest, minima), BASINS)
@@ -185,8 +182,8 @@ def search_all(k, field, x, limits, tables):
 
 @njit(**BARE)
 def may_split(k, field, radius, reach, Q):
-    """Return whether a second minimum may begin within reach [m] of the sphere whose first row is k beside one that touches. The
-    normal turns by the sum of k_i/(1 + k_i D), principal curvatures k_i, distance D: large and negative in a narrow hollow."""
+    """Return whether a second minimum may begin beside one that touches. The normal turns by the sum of k_i/(1 + k_i D),
+    principal curvatures k_i, distance D: large and negative in a narrow hollow."""
     a, t = 0, surface_contact.NORMAL_GRADIENT
     while (radius + reach) * field[height_field.MAX_CURVATURE] >= 1.0 and has_more(k, a, Q):
         if has_minimum(k, a, Q) and Q[k + a, surface_contact.DISTANCE] < radius + reach:
@@ -198,8 +195,7 @@ def may_split(k, field, radius, reach, Q):
 
 @njit(**BARE)
 def search_is_due(k, field, x, sphere_reach, Q):
-    """Return whether the sphere whose first row is k has moved so far since the last search that another is due. `sphere_reach`
-    (2,): its radius and its reach [m]."""
+    """Return whether the sphere whose first row is k has moved far since the last search. `sphere_reach`: radius, reach."""
     t, (radius, reach) = surface_contact.SEARCHED, sphere_reach
     d_x, d_y, d_z = x[0] - Q[k, t], x[1] - Q[k, t + 1], x[2] - Q[k, t + 2]
     moved = (MOVED_TOUCHING if may_split(k, field, radius, reach, Q) else MOVED) * radius
@@ -208,7 +204,6 @@ def search_is_due(k, field, x, sphere_reach, Q):
 
 @njit(**BARE_CHUNK)
 def update_sphere(k, field, tables):
-    """Update the rows k to k + BASINS - 1 of a sphere and a rough plate."""
     Q, S, i, upper = tables.Q, tables.S, tables.own[k], is_upper(tables.partner[k])
     x = plates.to_surface(tables.partner[k], plates.centre(i, S), tables.P)
     radius, reach, height = S[i, sphere.RADIUS], tables.D[domain.REACH], x[2] - field[height_field.MAX_HEIGHT]

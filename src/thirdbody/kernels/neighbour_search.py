@@ -45,9 +45,8 @@ _LIMITS = types.UniTuple(types.Tuple((_I, _F)), 2)
 
 @entry(_I(_F2, _F2, _SPHERES, _I1, _LIMITS, _S1, _S1), **DIRECT, **NO_COUNTS)
 def plate_candidates(S, P, spheres, patch_of, limits, own, partner):
-    """List the spheres near a plate in own and partner; return their number, also beyond the capacity. `limits`: of the lower
-    plate and of the upper one, the number of basins, 0 without the plate, and the largest height of the lowest point of a sphere
-    above its plane [m]."""
+    """List the spheres near a plate; return their number, also beyond the capacity. `limits` of both plates: number of basins, 0
+    without the plate, and the largest height of the lowest point of a sphere above its plane [m]."""
     n = np.int64(0)
     for i in range(S.shape[0]):
         for plate in range(2):
@@ -70,8 +69,8 @@ def cell_of(x, low, size, count, periodic):
 
 @entry(types.void(_F2, _SPHERES, _GRID, _LISTS), **DIRECT, **NO_COUNTS)
 def fill_cells(S, spheres, grid, lists):
-    """Sort the spheres that can touch others by cell (z fastest), then by number, into Q (6, n + padding): centre, radius, number
-    and body. `edges`: where each cell begins, shifted by one."""
+    """Sort the spheres that can touch others by cell (z fastest), then by number, into Q (6, n + padding): centre, radius,
+    number, body. `edges`: where each cell begins, shifted by one."""
     (low, size, count, periodic, _, _), (edges, cells, Q) = grid, lists
     for i in range(S.shape[0]):
         a = cell_of(S[i, sphere.X], low[0], size[0], count[0], periodic[0])
@@ -113,8 +112,7 @@ def near(p, k, skin, box, Q):
 
 @njit(**BARE)
 def scan(p, first, end, skin, box, Q, pairs, m):
-    """Append the pairs of sphere p with near elements first to end to the m pairs so far; return the new m, which counts pairs
-    beyond the capacity, too. Few are near: four are tested at once."""
+    """Append the near pairs of sphere p with elements first to end; return their number, also beyond the capacity."""
     for k in range(first, end, LANES):
         bits = near(p, np.int64(k), skin, box, Q)
         if bits != 0:
@@ -127,9 +125,8 @@ def scan(p, first, end, skin, box, Q, pairs, m):
 
 @entry(_I(_I, _I, _F, _GRID, _LISTS, _I1, _S2), nogil=True, **DIRECT, **NO_COUNTS)
 def collect(first, last, skin, grid, lists, columns, pairs):
-    """List the pairs of spheres of different bodies within `skin` whose first sphere is in cell columns first to last - 1 in
-    `pairs` (2, n): lower number first, unsorted. Returns their number, also beyond the capacity. `columns`: scratch for cells
-    around one."""
+    """List the pairs within `skin` [m] whose first sphere is in cell columns first to last - 1, lower number first, unsorted;
+    return their number, also beyond the capacity. `columns`: scratch for cells around one."""
     count, edges, Q, m = grid.cells, lists.edges, lists.Q, np.int64(0)
     box = Box(grid.length_x, grid.length_y, inverse(grid.length_x), inverse(grid.length_y), 0.0)
     for column in range(first, last):
@@ -214,7 +211,6 @@ def pair_candidates(S, spheres, skin, grid, n, own, partner):
 
 @njit(**BARE)
 def rank(own, j):
-    """Return the order of candidates by owner and partner, within the plates' or the pairs' part."""
     return own, j if is_sphere(j) else order_on_sphere(j)
 
 

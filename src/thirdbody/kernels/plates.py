@@ -66,7 +66,6 @@ def kind_of(k, context):
 
 @njit(**BARE)
 def is_closed(k, H):
-    """Return whether candidate k touched at the end of the last step."""
     return H[k, contact_state.SLIP] != 0.0
 
 
@@ -105,7 +104,6 @@ def height_above(partner, i, S, P):
 
 @njit(**BARE)
 def plane_overlap(k, context):
-    """Return the overlap of candidate k with the plane of its first body [m]; <= 0 if apart."""
     i, S = context.own[k], context.S
     return S[i, sphere.RADIUS] - height_above(context.partner[k], i, S, context.P)
 
@@ -118,7 +116,6 @@ def surface_overlap(k, context):
 
 @njit(**BARE)
 def overlap(k, context):
-    """Return the overlap of candidate k with its first body [m]; <= 0 if apart."""
     return surface_overlap(k, context) if is_rough(context) else plane_overlap(k, context)
 
 
@@ -150,7 +147,6 @@ def normal_before(k, move, context):
 
 @njit(**BARE)
 def effective_radius(k, context):
-    """Return the effective radius of candidate k, a contact with a first body [m]."""
     return context.Q[k, surface_contact.RADIUS] if is_rough(context) else context.S[context.own[k], sphere.RADIUS]
 
 
@@ -165,7 +161,6 @@ def radius_of_curvature(k, context):
 
 @njit(**BARE)
 def velocity(partner, P, motion):
-    """Return the velocity of the surface of a first body [m/s]."""
     if is_upper(partner):
         return motion.v_x, motion.v_y, P[patch_of_partner(partner), patch.VELOCITY]
     return 0.0, 0.0, 0.0
@@ -186,7 +181,6 @@ def surface_velocity(i, S, columns, arm):
 
 @njit(**BARE)
 def partner_velocity(j, context, columns, arm, motion):
-    """Return the velocity of the partner's surface at the contact [m/s]; arguments as for `plates`."""
     return velocity(j, context.P, motion) if is_plate(j) else surface_velocity(j, context.S, columns, arm)
 
 
@@ -200,8 +194,8 @@ def direct_force(P, p):
 
 @njit(**BARE)
 def max_stiffness(P, p, time):
-    """Return the largest stiffness [N/m] that direct contact can have within a time [s], from the present speed and forces: the
-    energy of the approach limits the depth, and the force that stops it grows with the depth."""
+    """Return the largest stiffness [N/m] of direct contact within a time [s]: the energy of the approach limits the depth, and
+    the force that stops it grows with the depth."""
     v, a = P[p, patch.VELOCITY], (P[p, patch.FORCE] - P[p, patch.LOAD]) / P[p, patch.MASS]
     t = min(time, -v / a) if a > 0.0 and v < 0.0 else time
     deeper, now, length = max(-v * t - 0.5 * a * t * t, 0.0), direct_force(P, p), P[p, patch.DIRECT_LENGTH]
@@ -211,8 +205,8 @@ def max_stiffness(P, p, time):
 
 @njit(**BARE)
 def book_direct_contact(A, P, p, motion, old):
-    """Add a step to the totals A: impulses, and the work of friction, which the drive of the plate supplies. P: patches at the
-    end of the step; `old`: weight of the force at its start."""
+    """Add a step to the totals A: impulses, and the work of friction, which the drive of the plate supplies. `old`: weight of the
+    force at its start."""
     normal, mu = direct_force(P, p), P[p, patch.DIRECT_FRICTION]
     speed = math.sqrt(motion.v_x * motion.v_x + motion.v_y * motion.v_y)
     drag = mu * normal / speed if speed > 0.0 else 0.0

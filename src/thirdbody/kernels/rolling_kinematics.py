@@ -25,7 +25,6 @@ TWIST = 4
 
 
 def record_width(rolling):
-    """Return the number of columns of a contact's record in a scene with this value of `rolling`."""
     return record.TWIST_WIDTH if rolling >= TWIST else record.ROLLING_WIDTH if rolling >= MOMENTS else record.WIDTH
 
 
@@ -41,7 +40,6 @@ def has_twist(context):
 
 @njit(**BARE)
 def relative_spin(S, i, j, column):
-    """Return the angular velocity of the owner relative to the partner [rad/s]. `column`: of the table of spheres."""
     if is_plate(j):
         return S[i, column], S[i, column + 1], S[i, column + 2]
     return S[i, column] - S[j, column], S[i, column + 1] - S[j, column + 1], S[i, column + 2] - S[j, column + 2]
@@ -56,7 +54,6 @@ def component(q, field, v, G):
 
 @njit(**BARE)
 def gather_rolling(q, k, context, motion, tile):
-    """Gather relative rotation, its rate at the end of the step, and travel of the contact area into element q."""
     i, j, S, dt = context.own[k], context.partner[k], context.S, motion.dt
     I, G, at = tile.inputs, tile.geometry, (law_input.HISTORY + context.n_history) * TILE + q  # noqa: E741
     w = relative_spin(S, i, j, np.int64(sphere.MID_SPIN))
@@ -107,7 +104,6 @@ def add_moments(n, context, tile):
 
 @njit(**BARE)
 def record_rolling(q, k, context, tile):
-    """Write the moment on the owner's body, world axes, and its limit into the record [N m]; then those about the normal."""
     R, O, G, at = context.R, tile.outputs, tile.geometry, (law_output.HISTORY + context.n_history) * TILE + q  # noqa: E741
     for d in range(3):
         R[k, record.MOMENT + d] = (

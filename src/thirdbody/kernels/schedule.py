@@ -63,7 +63,6 @@ def value_of(schedule, row, t):
 
 @njit(**BARE)
 def mean_rate(schedule, first, axis, t, dt):
-    """Return the mean rate of change of an axis from t to t + dt."""
     row = segment(schedule, first, axis, t)
     if row == segment(schedule, first, axis, t + dt):
         if row < 0:

@@ -46,9 +46,8 @@ FEW = 2
 
 @njit(**BARE)
 def drift_patches(P, schedule, first, t, step):
-    """Apply half kick and drift to the patches of the upper plate. Those of prescribed height, neither free nor sprung, get their
-    velocity from `t`, the start of the step, to its end. Returns the largest change of a height since the last search, one step
-    ahead [m]."""
+    """Apply half kick and drift to the patches. Those of prescribed height, neither free nor sprung, get their velocity from `t`,
+    the start of the step, to its end. Returns the largest change of a height since the last search, one step ahead [m]."""
     dt, path = step.dt, 0.0
     for p in range(P.shape[0]):
         if first[GAP + 1] != first[GAP] and P[p, patch.SPRING] == 0.0 and P[p, patch.FREE] == 0.0:
@@ -65,8 +64,8 @@ def drift_patches(P, schedule, first, t, step):
 
 @njit(**BARE)
 def kick_patches(context, step):
-    """Set the loads of the patches, sum the upward forces on them and the plate, in the order of bodies and patches: of debris,
-    direct contact, springs. Then apply their closing half kick, implicit in the dashpots: no overshoot."""
+    """Set the loads of the patches, sum the upward forces on them and the plate: of debris, direct contact, springs. Then apply
+    their closing half kick, implicit in the dashpots: no overshoot."""
     P, E, schedule, first, plate = context.P, context.E, context.schedule, context.first, context.P.shape[0] - 1
     if first[LOAD + 1] != first[LOAD]:
         factor = value(schedule, first, np.int64(LOAD), step.time)
@@ -95,7 +94,6 @@ def kick_patches(context, step):
 
 @njit(**BARE)
 def force_of_debris(sums):
-    """Return the upward force of all debris on the upper plate [N]."""
     push = 0.0
     for c in range(sums.shape[0]):
         push -= sums[c, contact_sums.UPPER_FORCE + 2]
@@ -104,8 +102,7 @@ def force_of_debris(sums):
 
 @njit(**BARE)
 def patch_powers(P, first, last):
-    """Return the power of the loads of free patches first to last - 1, with minus force times velocity of those of prescribed
-    height, and that of their dashpots [W]."""
+    """Return the power of the loads of free patches, less force times velocity of the others, and that of their dashpots [W]."""
     load, damping, power = 0.0, 0.0, 0.0
     for p in range(first, last):
         if P[p, patch.FREE] != 0.0:
@@ -118,8 +115,7 @@ def patch_powers(P, first, last):
 
 @njit(**BARE)
 def update_ledger(context, step):
-    """Add the step to the energy ledger, to impulses and distances, in a fixed order; where bodies do not influence each other
-    there is a ledger for each group of them, else one for all."""
+    """Add the step to the ledger, where bodies do not influence each other to one for each group, to impulses and distances."""
     A, ledgers, P, n = context.A, context.ledgers, context.P, context.B.shape[0]
     if ledgers.shape[0] == 0:
         powers = patch_powers(P, np.int64(0), np.int64(P.shape[0]))
@@ -143,9 +139,8 @@ def update_ledger(context, step):
 
 @njit(**BARE_CHUNK)
 def book_step(A, begin, end, powers, context, step):
-    """Add the step of groups begin to end to their ledger, the row A; in a recorded step also the elastic energy of the contacts.
-    Contacts supply energies; other powers are integrated by the trapezoidal rule. `powers`: of what moves the patches, and of
-    their dashpots [W]."""
+    """Add the step of groups begin to end to their ledger A. Contacts supply energies; other powers are integrated by the
+    trapezoidal rule. `powers`: of what moves the patches, and of their dashpots [W]."""
     sums, moves, (lifted, patch_damping) = context.sums, context.moves, powers
     work, damped, effects, upper, lower = 0.0, 0.0, 0.0, broadcast(0.0), broadcast(0.0)
     for c in range(2 * begin, 2 * end):
@@ -269,9 +264,9 @@ def help_out(member, threads, packed):
 
 @entry(ADVANCE, nogil=True, **DIRECT, **NO_COUNTS)
 def advance(budget, until, distance, dt, threads, packed):
-    """Advance until time `until` or `distance` is reached, a search is due, `budget` steps are done, or a guard trips. `packed`:
-    the packed `Context` of the step. Returns the code, and the candidate or body that a guard names, or whether a search is due;
-    RECORD before a step that reaches its target, if there is no table for its records. State is synchronised on return."""
+    """Advance until time `until` or `distance` is reached, a search is due, `budget` steps are done, or a guard trips. Returns
+    the code, and the candidate or body that a guard names, or whether a search is due; RECORD before a step that reaches its
+    target, if there is no table for its records. State is synchronised on return."""
     context = context_of(packed)
     A, schedule, first, work = context.A, context.schedule, context.first, work_at(context.work)
     groups = context.lowest.shape[0]

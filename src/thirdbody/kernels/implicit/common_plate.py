@@ -59,9 +59,8 @@ def load_body(context, b, space):
 
 @njit(**BARE)
 def write_stiffness(m, motion, context, island, scratch):
-    """Write the changes of the forces on the plate with its rise, the island in equilibrium, to the solutions of its bodies, each
-    of which follows the plate itself or the spring of its patch. The column of the plate becomes the right-hand side; its rise is
-    taken out of the band."""
+    """Write the changes of the forces on the plate with its rise, the island in equilibrium, to the solutions of its bodies. The
+    column of the plate becomes the right-hand side; its rise is taken out of the band."""
     assemble(m, True, motion, context, island, scratch)
     band, w = scratch.band, island.half_width
     for a in range(island.n):
@@ -97,8 +96,8 @@ def spring_of(a, context, island):
 
 @entry(types.void(_I, _I, _B, _D, workspace.MOTION, PACKED, PACKED, PACKED), nogil=True, **OPTIONS, **NO_COUNTS)
 def solve_at(first, last, first_iteration, displacement, motion, packed, tables, packed_scratch):
-    """Solve the step of the islands `order[first:last]`, in sequence, for a given rise of the plate [m]; results go to
-    `solutions`. `first_iteration`: the step begins; otherwise the iteration continues from `ends` of the previous call."""
+    """Solve the step of the islands `order[first:last]` for a given rise of the plate [m], into `solutions`; unless it begins in
+    the `first_iteration`, from the `ends` of the previous call."""
     context, islands, scratch = workspace.unpack(packed, tables, packed_scratch)
     for p in range(first, last):
         island = workspace.island_at(islands.order[p], islands)

@@ -84,7 +84,6 @@ def closed_fraction(q, before, context, I):  # noqa: E741
 
 @njit(**BARE)
 def vector_at(q, field, G):
-    """Return a vector field of the tile at contact q; `field`: its first column."""
     return read_vector(G, q + field * TILE)
 
 
@@ -95,7 +94,6 @@ def frame_of(q, G):
 
 @njit(**BARE)
 def contact_force(q, tile):
-    """Return the force (3,) [N] of contact q on the body."""
     n, (normal, e, g) = tile.outputs[law_output.NORMAL_FORCE * TILE + q], frame_of(q, tile.geometry)
     t_1, t_2 = tile.outputs[law_output.TANGENTIAL_X * TILE + q], tile.outputs[law_output.TANGENTIAL_Y * TILE + q]
     return scaled_sum(n, normal, t_1, e, t_2, g)
@@ -110,7 +108,6 @@ def contact_point(q, i, S, G):
 
 @njit(**BARE)
 def contact_moment(q, context, tile):
-    """Return the moment (3,) [N m] of contact q on the body, of rolling and of twisting."""
     at = (law_output.HISTORY + context.n_history) * TILE + q
     m_1, m_2 = tile.outputs[at + rolling_output.MOMENT_X * TILE], tile.outputs[at + rolling_output.MOMENT_Y * TILE]
     n, e, g = frame_of(q, tile.geometry)
@@ -161,8 +158,8 @@ class Contact(NamedTuple):
 
 @njit(**BARE)
 def contact_of(q, before, dt, sides, shape, context, tile):
-    """Return contact q of a tile as a `Contact`. `before`: overlap plus reach at the start of the step [m], negative: a gap;
-    `sides`: owner and partner; `shape`: bend, gradient and its change."""
+    """Return contact q of a tile. `before`: overlap plus reach at the start of the step [m], negative: a gap; `shape`: bend,
+    gradient and its change."""
     I, K, frame = tile.inputs, tile.tangents, frame_of(q, tile.geometry)  # noqa: E741
     fraction = closed_fraction(q, before, context, I)
     s_1, s_2, moments = I[law_input.SLIP_X * TILE + q], I[law_input.SLIP_Y * TILE + q], has_moments(context)

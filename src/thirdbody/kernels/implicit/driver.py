@@ -100,8 +100,7 @@ def assess_island(m, converged, motion, context, island, scratch):
 
 @njit(**BARE_CHUNK)
 def accept_island(m, motion, common, ended, context, island, scratch):
-    """Accept the step of all bodies and of the m contacts between them, and update the labeller's memory of the bodies. `common`:
-    see `accept_step.update_ledger`; `ended`: see `control.close_step`."""
+    """Accept the step of all bodies and of the m contacts between them. `ended`: see `control.close_step`."""
     observe = observe_bodies_at(context.observe_bodies)
     for a in range(island.n):
         accept_step(context, body_at(a, island), scratch.counts[a], motion, common, space_at(a, scratch))
@@ -166,9 +165,8 @@ def step(until, context, island, scratch):
 
 @entry(workspace.ADVANCE, nogil=True, **OPTIONS, **NO_COUNTS)
 def advance_islands(first, last, until, tries, packed, tables, packed_scratch):
-    """Advance the islands `order[first:last]` in sequence to the time `until` [s], with individual time steps. An island stops
-    after `tries` trial steps; the next call continues it bit for bit. A body stopped by a guard has its code in `memory`
-    (step_memory.CODE) and stays at the end of its last step. Threads may advance different islands at once."""
+    """Advance the islands `order[first:last]` in sequence to the time `until` [s], each with at most `tries` trial steps; the
+    next call continues it bit for bit. A body stopped by a guard stays at the end of its last step."""
     context, islands, scratch = workspace.unpack(packed, tables, packed_scratch)
     for p in range(first, last):
         island, going = workspace.island_at(islands.order[p], islands), True
@@ -230,9 +228,8 @@ SPAN, ONE_BODY = types.NamedUniTuple(_LONG, 5, Span), types.NamedTuple((_TABLE, 
     _LONG(SPAN, types.float64, types.float64, PACKED, PACKED, PACKED, types.UniTuple(CLOSED, 2), ONE_BODY), nogil=True, **DIRECT
 )
 def advance_batch(span, until, tries, packed, tables, packed_scratch, contacts, one):
-    """Advance bodies of a batch as `driver.advance_islands`; write its closed contacts, and return their number. `packed`: a
-    packed `ImplicitContext`, in which the addresses of the tables of one body are changed; `one`: these tables; `contacts`:
-    closed ones before, and tables with room for all candidates of the batch."""
+    """Advance bodies of a batch; write its closed contacts, and return their number. `packed`: an `ImplicitContext`, in which the
+    addresses of the tables of `one` body are changed; `contacts`: closed ones before, and room for all candidates."""
     closed, new = contacts
     context, n_closed = context_of(packed), np.int64(closed.on.shape[0])
     begin, p, written = context.plate_edges[span.first], np.int64(0), np.int64(0)

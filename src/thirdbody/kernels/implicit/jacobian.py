@@ -44,7 +44,7 @@ def give_springs(m, context, tile):
 @njit(**BARE)
 def assemble_body(a, m, coupled, motion, context, island, scratch):
     """Write the Jacobian (49,) [N/m] of the residual of the body at position a, for its m contacts with plates. A patch of
-    prescribed height has no equation, unless `coupled`: then derivatives with respect to its height are included."""
+    prescribed height has no equation, unless `coupled`."""
     b, space, dt, poses = body_at(a, island), space_at(a, scratch), motion.dt, context.orientations
     p, Z, P, J = context.patch[b], space.start, context.P, space.jacobian
     give_springs(m, context, space)
@@ -84,8 +84,7 @@ def assemble_body(a, m, coupled, motion, context, island, scratch):
 
 @njit(**BARE)
 def assemble(m, coupled, motion, context, island, scratch):
-    """Write the Jacobian of the island, with m contacts between its bodies, to `band`; of one body alone only its own. `coupled`:
-    see `assemble_body`; then also that of one body is a band."""
+    """Write the Jacobian of the island, with m contacts between its bodies, to `band`; of one not `coupled` body its own only."""
     n, w, J = island.n, island.half_width, scratch.band
     for a in range(n):
         assemble_body(a, scratch.counts[a], coupled, motion, context, island, scratch)
@@ -133,8 +132,7 @@ def factorise(A, pivots, n, w, step, offset):
 
 @njit(**BARE)
 def substitute(A, pivots, r, n, w, step, offset):
-    """Overwrite r with the solution x of A x = -r, where A and `pivots` are from `factorise`. Column by column, so that the sums
-    of all rows advance side by side."""
+    """Overwrite r with the solution x of A x = -r, A from `factorise`; by columns: the sums of all rows advance side by side."""
     for c in range(n):
         p = pivots[c]
         r[c], r[p] = r[p], r[c]
@@ -150,7 +148,6 @@ def substitute(A, pivots, r, n, w, step, offset):
 
 @njit(**BARE)
 def factorise_jacobian(coupled, island, scratch):
-    """Overwrite the Jacobian of the island with its factors; False if it is singular. `coupled`: see `assemble`."""
     n, w = island.n, island.half_width
     if n == 1 and not coupled:
         return factorise(scratch.jacobian[0], scratch.pivots, FREEDOMS, FREEDOMS - 1, FREEDOMS, 0)
@@ -159,7 +156,6 @@ def factorise_jacobian(coupled, island, scratch):
 
 @njit(**BARE)
 def solve_correction(coupled, island, scratch):
-    """Solve for the corrections of all bodies at the residual with the factors of a Jacobian."""
     n, w, x = island.n, island.half_width, scratch.solution
     for a in range(n):
         for k in range(FREEDOMS):
@@ -231,7 +227,6 @@ def to_spin(contact):
 
 @njit(**BARE)
 def combined(x, a, y, b, z, c):
-    """Return the response x a + y b + z c."""
     force, torque = scaled_sum(x, a.force, y, b.force, z, c.force), scaled_sum(x, a.torque, y, b.torque, z, c.torque)
     return Response(force, torque, scaled_sum(x, a.back, y, b.back, z, c.back))
 
@@ -260,8 +255,8 @@ def add_curved(contact, J, step, offset):
 
 @njit(**BARE)
 def add_side(side, sign, responses, contact, J, step, offset):
-    """Add the responses to the coordinates of the body of a side; `sign`: 1 owner, -1 partner. A displacement of a body moves
-    surface and centre alike, a rotation w by w x r and w x a; it turns the frame, and the arm."""
+    """Add the responses to the coordinates of the body of a side; `sign`: 1 owner, -1 partner. A displacement moves surface and
+    centre alike, a rotation w by w x r and w x a; it turns the frame, and the arm."""
     (n, e, g), (xx, xy, yx, yy, _, _) = contact.frame, contact.rolling_tangent
     of_owner, of_partner = max(sign, 0.0), max(-sign, 0.0)
     pull = scaled_sum(1.0, contact.force, -0.5 * contact.energy, contact.gradient, 0.0, n)

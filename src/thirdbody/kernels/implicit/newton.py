@@ -91,8 +91,8 @@ def effect_size(b, E):
 
 @njit(**BARE)
 def rounding_force(context, b, alone, space):
-    """Return the residual [N] caused by rounding of coordinates: overlaps are small differences of them. Contacts with planes
-    feel heights, those with rough plates the place by the slope, those between bodies all coordinates."""
+    """Return the residual [N] caused by rounding of coordinates. Contacts with planes feel heights, those with rough plates the
+    place by the slope, those between bodies all coordinates."""
     B, diagnostics = context.B, space.diagnostics
     far = abs(B[b, body.POSITION + 2])
     if not alone:
@@ -112,9 +112,8 @@ def rounding_force(context, b, alone, space):
 
 @njit(**BARE)
 def is_balanced(context, b, dt, fraction, minimum, space):
-    """Return whether the residual on a body without inertia is at most `fraction` of its own forces; True with inertia. Without
-    forces on its patch: else a body that touches neither plate would count as balanced at any velocity. The remaining residual
-    moves the body by `fraction` of a contact radius at most. `minimum`: rounding error [N]."""
+    """Return whether the residual on a body without inertia is at most `fraction` of its own forces, without those on its patch:
+    else a body that touches neither plate would count as balanced at any velocity. `minimum`: rounding error [N]."""
     if context.settings[step_settings.INERTIAL] != 0.0:
         return True
     Z, square = space.start, 0.0
@@ -149,8 +148,8 @@ def evaluate(part, motion, context, island, scratch):
 
 @njit(**BARE)
 def measure(first, dt, context, island, scratch):
-    """Return the norm of the residuals, the norm that is sufficient, and whether all bodies are solved, or nearly. `first`: these
-    are the first ones of the step, whose forces are the scale."""
+    """Return the norm of the residuals, the norm that is sufficient, and whether all bodies are solved, or nearly. The forces of
+    the `first` ones of a step are the scale."""
     square, smallest, solved, nearly, alone = 0.0, 1e300, True, True, island.n == 1
     P, per_square = context.P, 1.0 / (dt * dt)
     for a in range(island.n):
@@ -191,16 +190,15 @@ def effects_on(context, island):
 
 @njit(**BARE)
 def displacement(x, per_arm, r, upper):
-    """Return the displacement (3,) [m] relative to its plate of the point r (3,) of the body by the correction x of its
-    coordinates; `per_arm`: one over the arm of the body [1/m]."""
+    """Return the displacement (3,) [m] relative to its plate of the point r (3,) of the body by the correction x."""
     u_x, u_y = x[0] + (x[4] * r[2] - x[5] * r[1]) * per_arm, x[1] + (x[5] * r[0] - x[3] * r[2]) * per_arm
     return u_x, u_y, x[2] + (x[3] * r[1] - x[4] * r[0]) * per_arm - (x[6] if upper else 0.0)
 
 
 @njit(**BARE)
 def limit_overlap_change(context, b, expected_overlap, space):
-    """Return the fraction of the correction for which overlaps change by at most OVERLAP_GROWTH `expected_overlap` [m]. Limited
-    are contacts that sink in, and the deepest contact of each plate, which must not open."""
+    """Return the fraction of the correction for which overlaps change by at most OVERLAP_GROWTH `expected_overlap` [m]: of
+    contacts that sink in, and of the deepest one of each plate, which must not open."""
     x, per_arm = space.correction, 1.0 / space.start[step_start.ARM]
     arc = math.sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5])
     rotation = arc * per_arm
@@ -238,9 +236,9 @@ def is_slipping(q, O):  # noqa: E741
 
 @njit(**BARE)
 def limit_reversal(q, moved, fraction, tile):
-    """Return the fraction, at most `fraction`, of the correction, which moves contact q by `moved` (3,) [m], that does not
-    reverse its slip, and ends just inside the friction limit. Between the two slip directions a contact sticks. Where all others
-    slip, that is often the solution, which a full correction jumps over."""
+    """Return the fraction, at most `fraction`, of the correction, which moves contact q by `moved` (3,) [m], that ends just
+    inside the friction limit: between two slip directions a contact sticks. That is often the solution, which a full one jumps
+    over."""
     I, (_, e, g) = tile.inputs, frame_of(q, tile.geometry)  # noqa: E741
     s_x, s_y = I[law_input.SLIP_X * TILE + q], I[law_input.SLIP_Y * TILE + q]
     size, back = math.sqrt(s_x * s_x + s_y * s_y), -(dot(moved, e) * s_x + dot(moved, g) * s_y)
@@ -265,7 +263,6 @@ def limit_slip_reversal(context, m, fraction, space):
 
 @njit(**BARE)
 def limited_part(m, motion, context, island, scratch):
-    """Return the fraction of the corrections that is tried first."""
     fraction = 1.0
     for a in range(island.n):
         space = space_at(a, scratch)
@@ -282,8 +279,7 @@ def limited_part(m, motion, context, island, scratch):
 @njit(**BARE_CHUNK)
 def solve_island(motion, context, island, scratch):
     """Solve for the coordinates of all bodies of an island, from a guess; return outcome, contacts between bodies, iterations.
-    Where the residual contracts, the factors of the last Jacobian tell whether the next correction is negligible; where it is
-    expected to be the last one, they also give it."""
+    Where the residual contracts, the factors of the last Jacobian tell whether the next correction is negligible, or give it."""
     patience = ALONE if island.n == 1 else TOGETHER
     size, part, whole, halvings, leaps, iterations, effects, m = 1e300, 0.0, 0.0, 0, 0, 0, 0.0, np.int64(0)
     for a in range(island.n):

@@ -18,7 +18,7 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, POINTED, entry
 from thirdbody.kernels.books import normal_loss_of
-from thirdbody.kernels.contact_geometry import SPARE, gather_pair_contacts, pair_geometry, slip_increment, transport_frames
+from thirdbody.kernels.contact_geometry import SPARE, gather_pair_contacts, pair_overlap, slip_increment, transport_frames
 from thirdbody.kernels.explicit.contact_forces import BODY_FRACTION
 from thirdbody.kernels.implicit import books, contact, newton
 from thirdbody.kernels.implicit.contact import NOWHERE, contact_point, cross, dot, vector_at
@@ -30,19 +30,7 @@ from thirdbody.kernels.rolling_kinematics import has_moments, has_twist
 from thirdbody.kernels.step_tables import step_contacts, step_memory, step_settings, step_start
 from thirdbody.kernels.tables import body, body_extra, record, run_totals, sphere
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output
-from thirdbody.kernels.vectors import box_of, image
-
-
-@njit(**BARE)
-def pair_overlap(k, context, box):
-    """Return the overlap of candidate k, a pair of spheres [m], negative: a gap; and the unit normal from partner to owner."""
-    S, i, j = context.S, context.own[k], context.partner[k]
-    x = image(S[i, sphere.X] - S[j, sphere.X], box.length_x, box.inverse_x)
-    y = image(S[i, sphere.Y] - S[j, sphere.Y], box.length_y, box.inverse_y)
-    z = S[i, sphere.Z] - S[j, sphere.Z]
-    distance = math.sqrt(x * x + y * y + z * z)
-    inverse = 1.0 / max(distance, 1e-300)
-    return S[i, sphere.RADIUS] + S[j, sphere.RADIUS] - distance, (x * inverse, y * inverse, z * inverse)
+from thirdbody.kernels.vectors import box_of
 
 
 @njit(**BARE)
@@ -54,7 +42,6 @@ def ends_of(k, context, island):
 
 @njit(**BARE)
 def partner_point(q, j, S, G):
-    """Return the point of contact q on its partner, sphere j, from the centre of mass of the partner's body (3,) [m]."""
     n, a = vector_at(q, geometry.NORMAL, G), G[q + geometry.PARTNER_ARM * TILE]
     return S[j, sphere.ARM] + a * n[0], S[j, sphere.ARM + 1] + a * n[1], S[j, sphere.ARM + 2] + a * n[2]
 
@@ -89,8 +76,7 @@ def evaluate_pairs(context, island, motion, scratch):
         (tile, n), slots = pair_tile(t, m, scratch), scratch.pair_slots[t]
         for e in range(n, n + SPARE):
             slots[e] = slots[n - 1]  # read ahead
-        gather_pair_contacts(n, slots, context, tile)
-        pair_geometry(n, motion.dt, box, tile)
+        gather_pair_contacts(n, slots, motion.dt, box, context, tile)
         transport_frames(n, motion.dt, tile)
         slip_increment(n, motion.dt, tile)
         for q in range(n):
@@ -147,7 +133,6 @@ def limit_pairs(context, island, m, fraction, scratch):
 
 @njit(**BARE_CHUNK)
 def add_tangents(m, dt, context, island, scratch):
-    """Add the m contacts between bodies to the band."""
     S, w = context.S, np.int64(island.half_width)
     for t in range((m + TILE - 1) // TILE):
         (tile, n), G = pair_tile(t, m, scratch), scratch.pair_geometry[t]
@@ -225,7 +210,6 @@ def works_of_old(k, a, b, context, scratch):
 
 @njit(**BARE)
 def add_losses(b, friction, damped, lost, context):
-    """Add to the totals of a body its part of what friction and dashpots dissipated in a contact, and `lost` [J]."""
     A = context.totals[b]
     A[run_totals.FRICTION_WORK] += BODY_FRACTION * friction
     A[run_totals.DAMPING_WORK] += BODY_FRACTION * damped
@@ -235,7 +219,6 @@ def add_losses(b, friction, damped, lost, context):
 
 @njit(**BARE_CHUNK)
 def accept_pairs(context, island, m, motion, scratch):
-    """Accept the m contacts between bodies, after the step of the bodies themselves was accepted."""
     smooth, p = True, np.int64(0)
     for a in range(island.n):  # forces jump on no body: what is dissipated is the work of their mean (`weight_of_old`)
         smooth = smooth and scratch.starts[a, step_start.OLD_WEIGHT] > 0.0
@@ -282,7 +265,6 @@ def accept_pairs(context, island, m, motion, scratch):
 
 @entry(PART, **POINTED, **NO_COUNTS)
 def pairs_part(stage, h, _, m, motion, context, islands, scratch):
-    """Do what a stage of a step requires for the contacts between the bodies of island h, m of them once they are gathered."""
     island = island_at(h, islands)
     if stage == STAGE.START:
         for e in range(island.n_pairs):

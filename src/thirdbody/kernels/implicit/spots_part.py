@@ -11,7 +11,7 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, POINTED, entry
 from thirdbody.kernels import plates
-from thirdbody.kernels.close_spots import NEAR, SWEEPS, add_interaction_energy, relieve, restore, solve_body, spots_of
+from thirdbody.kernels.close_spots import NEAR, SWEEPS, add_interaction_energy, relieve, restore, solve_bodies, spots_of
 from thirdbody.kernels.implicit.contact import contact_point, cross, frame_of, scaled_sum
 from thirdbody.kernels.implicit.residual import add_force
 from thirdbody.kernels.implicit.workspace import FREEDOMS, PART, STAGE, space_at
@@ -73,7 +73,6 @@ def relieved_strains(m, context, space):
 
 @njit(**BARE_CHUNK)
 def add_interaction(m, context, space):
-    """Add what the interaction of the m spots in the tile changes to the Jacobian."""
     J, K = space.jacobian, space.tangents
     relieved_strains(m, context, space)
     for q in range(m):
@@ -92,10 +91,9 @@ def add_interaction(m, context, space):
 
 @entry(PART, **POINTED, **NO_COUNTS)
 def spots_part(stage, _, a, m, motion, context, islands, scratch):
-    """Do what a stage of a step requires for the m spots of the body at position a of an island."""
     space = space_at(a, scratch)
     if stage == STAGE.GATHER:
-        solve_body(m, space.slots, context, spots_of(space))
+        solve_bodies(m, space.slots, context, spots_of(space))
     elif stage == STAGE.RELIEVE:
         relieve(m, space)
     elif stage == STAGE.RESTORE:

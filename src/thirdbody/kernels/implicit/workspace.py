@@ -195,8 +195,6 @@ def spaces_of(tables: dict[str, np.ndarray]) -> tuple[list[Any], list[Any]]:
 
 
 class Island(NamedTuple):
-    """The island that is advanced."""
-
     number: int
     low: int  # where its bodies begin in the table of all
     n: int  # number of its bodies
@@ -230,7 +228,6 @@ def pair_at(e, island):
 
 @njit(**BARE)
 def space_at(a, scratch):
-    """Return the scratch of the body at position a of the island."""
     return space_of(scratch.spaces[a])
 
 
@@ -242,14 +239,12 @@ def pair_tile(t, m, scratch):
 
 @njit(**BARE)
 def call_part(part, stage, a, m, motion, context, island, scratch):
-    """Call a part of a step, if there is one, for the body at position a of the island, or for all."""
     if part != 0:
         part_at(part)(stage, island.number, np.int64(a), np.int64(m), motion, context, island.all, scratch)
 
 
 @njit(**BARE)
 def update_rough(stage, b, context):
-    """Update the closest points of all candidates of body b with rough plates, if there are any (`rough.update_minima`)."""
     if plates.is_rough(context):
         c, first, last = context, np.int64(context.plate_edges[b]), np.int64(context.plate_edges[b + 1])
         tables = RoughPlates(c.own, c.partner, c.S, c.P, c.Q, c.D, c.lower, c.upper)
