@@ -44,7 +44,7 @@ class Accuracy:
     skip_unsolved: bool = False
 
     def settings(self, state: State, overlap: float, rayleigh: float) -> Array:
-        """Return the settings as kernels read them (`step_settings`); `overlap`: to expect [m]; `rayleigh`: time [s]."""
+        """Return the settings as kernels read them; `overlap`: to expect [m]; `rayleigh`: time [s]."""
         V = np.zeros(step_settings.WIDTH)
         V[step_settings.TOLERANCE], V[step_settings.LONGEST] = self.tolerance, self.largest_step
         V[step_settings.RADII] = min(self.radii, MEETING_RADII) if state.world.debris_meets else self.radii
@@ -71,7 +71,6 @@ def causes(memory: Array) -> Array:
 
 
 def limited_by(memory: Array) -> dict[str, int]:
-    """Return the number of steps limited by each cause, most frequent first, without zeros."""
     counts = causes(memory).sum(axis=0)
     return {CAUSES[k]: int(counts[k]) for k in np.argsort(-counts, kind="stable") if counts[k] > 0.0}
 
@@ -98,10 +97,9 @@ def in_words(steps: Array, order: np.ndarray) -> str:
 def created_fractions(totals: Array, stored: Array, whole: Array) -> tuple[Array, float]:
     """Return the energy created by the integrator (negative: lost) over the exchanged energy: of each body (n,), and of all.
 
-    `totals`: (n, run_totals.WIDTH); `stored`: kinetic and elastic energy (n,) [J]; `whole`: totals of the run, with those of a
-    common plate. A body exchanges the largest of: sum of |plate work increments|; |work of effects|; dissipated plus stored
-    energy; and at least NEGLIGIBLE times the mean.
-    """
+    `totals`: (n, run_totals.WIDTH); `stored`: kinetic and elastic energy (n,) [J]; `whole`: totals of the run. A body exchanges
+    the largest of: sum of |plate work increments|; |work of effects|; dissipated plus stored energy; at least NEGLIGIBLE times
+    the mean."""
 
     def exchanged(totals: Array, stored: Array) -> Array:
         spent = totals[:, run_totals.FRICTION_WORK] + totals[:, run_totals.DAMPING_WORK] + stored

@@ -37,15 +37,12 @@ class AllRows:
 
     @property
     def widths(self) -> tuple[int, int]:
-        """Number of columns of histories and of records."""
         return self.H.shape[1], self.R.shape[1]
 
     def closed(self) -> Ints:
-        """Return the numbers of the closed candidates."""
         return np.flatnonzero(self.H[:, contact_state.SLIP] > 0.0)
 
     def histories(self, closed: Ints, columns: Any) -> Array:
-        """Return columns of the histories of closed candidates."""
         return self.H[:, columns][closed]
 
     def records(self, closed: Ints, *columns: Any) -> list[Array]:
@@ -68,7 +65,6 @@ class ClosedRows:
 
     @classmethod
     def of(cls, edges: Ints, size: int, closed: Ints, rows: tuple[Array, Array]) -> ClosedRows:
-        """Return copies of the rows of closed candidates, given by their numbers, histories and records."""
         H, R = rows
         result, cuts = cls(edges, size, (H.shape[1], R.shape[1]), []), np.searchsorted(closed, edges)
         for first, low, high in zip(edges, cuts, cuts[1:], strict=False):
@@ -77,7 +73,6 @@ class ClosedRows:
         return result
 
     def replace(self, batch: int, contacts: ClosedContacts, n: int) -> None:
-        """Take copies of the first n of these contacts as those of a batch."""
         _, H, R = self.compact[batch]
         if n > len(H):
             H, R = (np.empty((int(SPARE * n), width)) for width in self.widths)
@@ -98,7 +93,6 @@ class ClosedRows:
         return self._columns(1, closed, *columns)
 
     def _columns(self, which: int, closed: Ints, *columns: Any) -> list[Array]:
-        """Return columns of histories (0) or records (1)."""
         pieces, none, end = self.pieces()[which], np.empty((1, self.widths[which])), 0
         result = [np.empty((sum(map(len, pieces)), *none[:, each].shape[1:])) for each in columns]
         for rows in pieces:
@@ -125,7 +119,6 @@ class ClosedRows:
         return table
 
     def expected_bytes(self, bodies: int) -> int:
-        """Return the bytes that the rows are expected to take during a run."""
         return int(SPARE * EXPECTED * bodies * (4 + 8 * sum(self.widths)))
 
 
@@ -185,27 +178,22 @@ class Candidates:
 
     @property
     def histories(self) -> Rows:
-        """Contact histories by name (`kernels.tables.contact_state`)."""
         return Rows((self.H, contact_state))
 
     @property
     def records(self) -> Rows:
-        """Records of the candidates by name (`kernels.tables.record`)."""
         return Rows((self.R, record))
 
     @property
     def max_per_body(self) -> int:
-        """Largest number of candidates of one body."""
         return int(np.diff(self.edges).max(initial=0))
 
 
 def sides_of(partner: Numbers) -> Ints:
-    """Return LOWER, UPPER or DEBRIS (`kernels.tables`) for each partner code (`kernels.plates`)."""
     return np.where(partner >= 0, DEBRIS, np.where(partner < -BASINS, UPPER, LOWER))
 
 
 def empty_slots(memory: int, record: int) -> Candidates:
-    """Return a table of candidates without rows; `memory`, `record`: columns of H and R."""
     none, cuts = np.zeros(0, np.int32), np.zeros((3, 1), np.int32)
     H, F, R = np.zeros((0, memory)), np.zeros((0, remote_force.WIDTH_WITHOUT_NORMAL_LOSS)), np.zeros((0, record))
     Q = np.zeros((0, surface_contact.WIDTH))

@@ -51,17 +51,14 @@ class CommonPlate:
         self.memory = np.zeros(step_memory.WIDTH)  # of the common steps and of the plate in the last one
 
     def start(self) -> None:
-        """Take the length of the first step from the bodies."""
         for column in (step_memory.NEXT_DT, step_memory.LIMIT):
             self.memory[column] = self.integrator.memory[0, column]
         kernel.book_direct(self.totals, self.integrator.state.P, 0.0, 0.0, 0.0, 0.0)  # the force at the start
 
     def tables(self) -> dict[str, Array]:
-        """Return the tables of the plate by their names in a checkpoint."""
         return {"plate": self.totals, "plate_memory": self.memory}
 
     def advance_to(self, until: float, watch: Action, between: Action) -> None:
-        """Advance all bodies to a time [s]."""
         one = self.integrator
         while one.totals[0, run_totals.TIME] < until:
             self._step(until)

@@ -84,11 +84,8 @@ class Explicit:
     def advance_to(
         self, time: float = math.inf, distance: float = math.inf, watch: Action = lambda: None, between: Action = lambda: None
     ) -> None:
-        """Advance to the first step at or after a time [s] or a sliding distance [m].
-
-        `watch` is called every `BUDGET` steps of the run, `between` after other compiled calls that ended early to limit their
-        wall time to about `CALL`. Raises GuardStop, with the state that violated the guard, when the run leaves its valid range.
-        """
+        """Advance to the first step at or after a time [s] or a sliding distance [m]. `watch` is called every `BUDGET` steps of
+        the run, `between` after other compiled calls. Raises GuardStop, with the state that violated the guard."""
         state = self.state
         while state.time < time and state.distance < distance:
             budget = min(BUDGET - int(state.A[run_totals.STEPS]) % BUDGET, max(1, int(CALL / self.seconds)))
@@ -111,12 +108,10 @@ class Explicit:
                 return
 
     def export_state(self) -> tuple[dict[str, Array], dict[str, Any]]:
-        """Return arrays and notes with the integrator's own state."""
         bound, tightest = (None if bound is None else dict(vars(bound)) for bound in (self.bound, self.tightest))
         return {"ledgers": self.ledgers}, {"bound": bound, "tightest": tightest, "waiting": list(self.waiting)}
 
     def restore(self, arrays: dict[str, Array], notes: dict[str, Any]) -> None:
-        """Restore the result of `export_state`, after the state itself was restored. Raises KeyError or TypeError."""
         self.ledgers[:] = arrays["ledgers"]
         self.bound, self.tightest = (None if notes[name] is None else Bound(**notes[name]) for name in ("bound", "tightest"))
         self.waiting = [float(x) for x in notes["waiting"]]
@@ -222,7 +217,6 @@ class Explicit:
         return minimum
 
     def summary(self) -> dict[str, Any]:
-        """Return the entries of the run summary about the integration."""
         limit, steps = self.tightest, int(self.state.A[run_totals.STEPS])
         assert limit is not None
         return {
@@ -232,7 +226,6 @@ class Explicit:
         }  # fmt: skip
 
     def label(self) -> np.ndarray:
-        """Return state, reason, margins and extras of each body now (columns named by the labeller)."""
         return labels(self.state, self.drag)
 
     def _explain(self, code: int, number: int) -> str:
@@ -276,10 +269,7 @@ FEWEST = 4096  # candidates, or bodies, that one thread alone examines as fast a
 
 @dataclass(frozen=True)
 class Bound:
-    """Time step [s] and what limits it.
-
-    `mechanism`: rayleigh, translation, rotation, damping or patch; `body`: number of the limiting body in the scene.
-    """
+    """Time step [s] and what limits it."""
 
     step: float
     mechanism: str
@@ -289,10 +279,8 @@ class Bound:
 
 
 def bound(state: State, materials: list[Material], steps: int, max_overlap: float, candidates: Candidates | None = None) -> Bound:
-    """Return the bound of the time step for the next `steps` steps, for overlaps up to `max_overlap` radii.
-
-    `candidates`: contacts that are or may come; None: those of the last search.
-    """
+    """Return the bound of the time step for the next `steps` steps, for overlaps up to `max_overlap` radii. `candidates`:
+    contacts that are or may come; None: those of the last search."""
     times = states.rayleigh_times(state, materials)
     slowest = int(np.argmin(times))
     rayleigh = float(times[slowest])

@@ -104,12 +104,10 @@ class Implicit:
 
     @property
     def meets(self) -> bool:
-        """Whether bodies have contact with each other."""
         return self.meeting is not None
 
     @property
     def together(self) -> bool:
-        """Whether all bodies share their steps."""
         return self.plate is not None
 
     def start(self) -> None:
@@ -132,7 +130,6 @@ class Implicit:
             self.connect(single_bodies(state.n_bodies))
 
     def connect(self, islands: Islands) -> None:
-        """Take these islands as those that are advanced."""
         self.islands = islands
         self.initial_overlaps = np.zeros(self.state.slots.count if self.meets or self.together else 0)
         self.scratch_of_threads.fit((*islands.largest(), self.max_per_body))
@@ -142,10 +139,9 @@ class Implicit:
     ) -> None:
         """Advance all bodies to a time [s] or a sliding distance [m], whichever comes first.
 
-        `watch` is called about every second; if all bodies share their steps, after a fixed number of steps, and `between` after
-        all other steps. Raises GuardStop when a body leaves its valid range or no step converges; the bodies then remain at the
-        times they have reached.
-        """
+        `watch` is called about every
+        second; if all bodies share their steps, after a fixed number of steps, and `between` after all others. Raises GuardStop
+        when a body leaves its valid range or no step converges; bodies stay at the times reached."""
         state, advance = self.state, self.meeting.advance_to if self.meeting else self.advance_all
         while state.time < time and state.distance < distance:
             stop = min(distance, state.distance + self.stride)
@@ -169,7 +165,6 @@ class Implicit:
         return self.islands.count if self.meeting else BATCH
 
     def advance_all(self, until: float, watch: Action, between: Action) -> None:
-        """Advance all islands to a time [s]."""
         if self.plate:
             self.plate.advance_to(until, watch, between)
             return
@@ -187,7 +182,7 @@ class Implicit:
         self.collect()
 
     def collect(self) -> None:
-        """Collect what contacts have measured (`engine.measures`), at instants that do not depend on the wall time."""
+        """Collect what contacts have measured, at instants that do not depend on the wall time."""
         if self.meeting:
             self.meeting.collect()
         else:
@@ -201,14 +196,12 @@ class Implicit:
         return self.islands.waiting(codes != Stop.NONE, times < until)
 
     def export_state(self) -> tuple[dict[str, Array], dict[str, Any]]:
-        """Return arrays and notes with the integrator's own state."""
         arrays = {"totals": self.totals, "memory": self.memory}
         if self.meeting:
             arrays["counts"] = self.meeting.counts
         return (arrays | self.plate.tables() if self.plate else arrays), {}
 
     def restore(self, arrays: dict[str, Array], notes: dict[str, Any]) -> None:
-        """Restore the result of `export_state`, after the state itself was restored. Raises KeyError or TypeError."""
         for name, table in self.export_state()[0].items():
             table[:] = arrays[name]
         self.earlier = {}  # `start` copied the tables that were replaced just now
@@ -220,7 +213,6 @@ class Implicit:
         self.each_island(pieces, driver.advance_islands, until, tries)
 
     def each_island(self, pieces: list[tuple[int, int]], kernel: Callable[..., None], *step: Any) -> None:
-        """Call a kernel for pieces of the islands."""
         context, tables = self.packed(), self.pack_islands(self.islands.tables)
 
         def worker() -> Callable[[tuple[int, int]], None]:
@@ -244,7 +236,6 @@ class Implicit:
         return self.scratch_of_threads.of_thread(self._pack.given)
 
     def packed(self) -> Array:
-        """Return the packed kernel arguments."""
         return self._pack(
             ImplicitContext(  # type: ignore[call-arg]
                 **self._constant, **table_arguments(self.state), kind=self.state.slots.kind, plate_edges=self.edges,
@@ -346,11 +337,9 @@ class Implicit:
         return self._limit
 
     def mean_time(self) -> float:
-        """Return the mean time [s] reached by the bodies: between two stops their times differ."""
         return float(self.totals[:, run_totals.TIME].mean())
 
     def label(self) -> Array:
-        """Return state, reason, margins and extras of each body now (columns named by the labeller)."""
         return labels(self.state, self.drag)
 
 

@@ -36,7 +36,6 @@ class ImplicitEnsemble(Implicit):
     """`Implicit` for a state that fits `is_ensemble`."""
 
     def start(self) -> None:
-        """Make every sphere a candidate with both plates, for the whole run, and keep only rows of closed contacts."""
         super().start()
         state, slots = self.state, self.state.slots
         edges = np.append(slots.edges[:-1:BATCH], slots.edges[-1]).astype(np.int64)
@@ -53,7 +52,6 @@ class ImplicitEnsemble(Implicit):
         return BATCH * BATCHES * allowed_threads()
 
     def advance_islands(self, first: int, last: int, until: float, tries: float = math.inf) -> None:
-        """Advance bodies `first` to `last` - 1 to a time [s], with at most `tries` trial steps each (`Implicit`)."""
         state, rows = self.state, self.state.slots.rows
         assert isinstance(rows, ClosedRows)
         context, tables, step = self.packed(), self.pack_islands(self.islands.tables), address(driver.advance_islands, ADVANCE)
@@ -61,7 +59,6 @@ class ImplicitEnsemble(Implicit):
         largest = int(np.diff(rows.edges).max(initial=0))
 
         def worker() -> Callable[[int], None]:
-            """Return the worker of a thread, which has tables of one body, and for the closed contacts of a batch."""
             packed, scratch = context.copy(), self.scratch()
             one = OneBody(*_rows_of(self.max_per_body, rows.widths), table(spheres, sphere.WIDTH), state.radii)
             new = ClosedContacts(np.zeros(largest, np.int32), *_rows_of(largest, rows.widths))

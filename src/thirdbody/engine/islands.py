@@ -37,7 +37,6 @@ class Islands:
 
     @property
     def in_islands(self) -> int:
-        """Number of bodies that are not alone."""
         return int(self.sizes[self.sizes > 1].sum())
 
     def largest(self) -> tuple[int, int, int]:
@@ -55,8 +54,6 @@ class Islands:
 
 
 class ThreadScratch:
-    """Scratch of each thread (`workspace.SCRATCH`)."""
-
     def __init__(self) -> None:
         self._sizes, self._packers = (1, 1, 1, 1), {}  # type: tuple[int, ...], dict[int, Packer]
 
@@ -70,7 +67,6 @@ class ThreadScratch:
             self._sizes, self._packers = tuple(map(max, sizes, self._sizes)), {}
 
     def of_thread(self, context: Any) -> Any:
-        """Return the packed scratch of this thread."""
         scratch = self._packers.get(threading.get_ident())
         if scratch is None:
             scratch = self._packers[threading.get_ident()] = Packer(SCRATCH)
@@ -79,7 +75,6 @@ class ThreadScratch:
 
 
 def single_bodies(n: int) -> Islands:
-    """Return n islands of one body."""
     each, none = np.arange(n), np.zeros(0, np.int64)
     tables = IslandTables(  # type: ignore[call-arg]
         bodies=each, body_edges=np.arange(n + 1), position=np.zeros(n, np.int64), pairs=none,
@@ -89,11 +84,8 @@ def single_bodies(n: int) -> Islands:
 
 
 def islands_of(state: State, slots: Candidates, threads: int) -> Islands:
-    """Return the islands that the candidates between bodies connect, in the order of their expected cost, falling.
-
-    The bodies of an island are in an order in which those that could meet are close (reverse Cuthill-McKee), so that its
-    Jacobian is a narrow band.
-    """
+    """Return the islands that the candidates between bodies connect, in the order of their expected cost, falling; their bodies
+    so that those that could meet are close (reverse Cuthill-McKee), and the Jacobian is a narrow band."""
     from scipy.sparse.csgraph import reverse_cuthill_mckee
 
     k = np.arange(slots.n_plates, slots.count)
@@ -191,7 +183,6 @@ def expected_islands(state: State) -> ExpectedIslands:
 
 
 def _island_sizes(state: State) -> np.ndarray:
-    """Return the numbers of bodies of all islands at the start."""
     own, partner = search_pairs(state, MARGIN * island_stride(state)) if state.world.debris_meets else ((), ())
     if not len(own):
         return np.ones(state.n_bodies, np.int64)

@@ -37,13 +37,11 @@ def collect_measures(state: State) -> Array:
 
 
 def deposit_on_maps(state: State, deposits: Array) -> None:
-    """Add deposits to the maps, in their order."""
     if len(deposits):
         deposit(np.ascontiguousarray(deposits), state.maps, np.array(state.world.size, float))
 
 
 def update_measures(state: State) -> None:
-    """Collect what contacts have measured, and deposit it."""
     deposit_on_maps(state, collect_measures(state))
 
 

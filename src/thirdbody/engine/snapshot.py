@@ -38,10 +38,8 @@ class Snapshot:
 
 
 def snapshot(state: State, integrator: Explicit | Implicit, ledger: Ledger) -> Snapshot:
-    """Return all variable data of a run, without copies: write them before the run continues.
-
-    Between two stops of an implicit run with contact between bodies they are those of an earlier instant (`Implicit.earlier`).
-    """
+    """Return all variable data of a run, without copies: write them before the run continues. Between two stops of an implicit
+    run with contact between bodies they are those of an earlier instant (`Implicit.earlier`)."""
     slots, pieces = state.slots, {}
     arrays: dict[str, np.ndarray] = dict(_fixed(state))
     if isinstance(slots.rows, ClosedRows):
@@ -107,8 +105,8 @@ def _fixed(state: State) -> dict[str, Array]:
 
 
 def _slots(captured: Snapshot, state: State) -> Candidates:
-    """Return the candidates of a snapshot; index tables that follow from the pairs are computed again. Where only closed ones
-    have rows, the pairs are those of the built scene. Raises KeyError or ValueError."""
+    """Return the candidates of a snapshot; where only closed ones have rows, the pairs are those of the built scene. Raises
+    KeyError or ValueError."""
     slots, arrays, rows = state.slots, captured.arrays, state.slots.rows
     if isinstance(rows, ClosedRows):
         closed, H, R = (arrays[name] for name in (CLOSED, "slots_H", "slots_R"))

@@ -67,16 +67,13 @@ class World:
 
     @property
     def schedule(self) -> Schedule:
-        """Schedule of the upper plate; one without motion if there is none."""
         return Schedule() if self.upper is None else self.upper.schedule
 
 
 @dataclass(frozen=True)
 class Measures:
-    """Measures of a scene: the compiled function, its parameters (one row per pair), and where numbers are kept.
-
-    `cells`: number of cells of the maps along x and y; 0: no maps.
-    """
+    """Measures of a scene: compiled function, parameters (a row per pair), where numbers are kept, cells of the maps along x and
+    y."""
 
     function: Callable
     parameters: Array
@@ -115,7 +112,6 @@ class Physics(Chain):
 
     @cached_property
     def stiffness_at(self) -> int:
-        """Address of `stiffness`, if there is one."""
         return address(self.stiffness, LAW)
 
     @property
@@ -196,39 +192,32 @@ class State:
 
     @property
     def upper_surface(self) -> Array:
-        """The same of the upper plate."""
         return FLAT if self.world.upper_surface is None else self.world.upper_surface
 
     @property
     def given(self) -> Ints:
-        """Row (n_bodies,) of each body of the scene."""
         return np.argsort(self.order)
 
     @property
     def given_spheres(self) -> Ints:
-        """Row (n_spheres,) of each sphere of the scene."""
         given = self.given
         counts = np.diff(self.start)[given]
         return np.repeat(self.start[given] - (np.cumsum(counts) - counts), counts) + np.arange(self.n_spheres)
 
     @property
     def bodies(self) -> Rows:
-        """Bodies by name (`kernels.tables.body`, `body_extra`, `orientation`)."""
         return Rows((self.B, body), (self.E, body_extra), (self.orientations, orientation))
 
     @property
     def spheres(self) -> Rows:
-        """Spheres by name (`kernels.tables.sphere`)."""
         return Rows((self.S, sphere))
 
     @property
     def patches(self) -> Rows:
-        """Patches of the upper plate by name (`kernels.tables.patch`)."""
         return Rows((self.P, patch))
 
     @property
     def search_poses(self) -> Rows:
-        """Poses of the bodies at the last search by name (`kernels.tables.search_pose`)."""
         return Rows((self.X0, search_pose))
 
     @property
@@ -304,10 +293,8 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
 
 
 def rayleigh_times(state: State, materials: Sequence[Material]) -> Array:
-    """Return the times (n_bodies,) [s] of a Rayleigh wave around spheres with the volumes of the bodies.
-
-    pi R sqrt(rho/G)/(0.1631 nu + 0.8766)
-    """
+    """Return the times (n_bodies,) [s] of a Rayleigh wave around spheres with the volumes of the bodies:
+    pi R sqrt(rho/G)/(0.1631 nu + 0.8766)."""
     per_radius = [math.pi * math.sqrt(m.density / m.shear_modulus) / (0.1631 * m.poisson_ratio + 0.8766) for m in materials]
     return np.array(per_radius)[state.material] * state.rayleigh_radius
 
@@ -319,7 +306,6 @@ def angular_momentum(B: Array, E: Array, orientations: Array) -> Array:
 
 
 def refresh_spheres(state: State) -> None:
-    """Update positions, arms and velocities of all spheres from the bodies."""
     body_pass.place_all(True, state.start, state.offsets, state.S, state.B, state.E, state.orientations)
 
 

@@ -68,10 +68,8 @@ def entries(unit: str) -> Iterator[Any]:
 
 
 def start_compiling(units: Sequence[str]) -> None:
-    """Start child processes that compile the units that are probably needed, at the first start of all.
-
-    `warm_up` gets those that are. Later starts wait for it: what is expected in vain would be compiled, and dropped, every time.
-    """
+    """Start child processes that compile the units that are probably needed, at the first start of all. Later starts wait for
+    `warm_up`: what is expected in vain would be compiled, and dropped, every time."""
     if _begun is None and len(_missing(tuple(UNITS))) == len(UNITS):
         _begin(tuple(units), min(cores(), PROCESSES) - 1)
 
@@ -127,7 +125,6 @@ def _missing(units: Sequence[str]) -> tuple[str, ...]:
 
 
 def _begin(names: tuple[str, ...], processes: int) -> None:
-    """Queue these units, and start so many child processes that compile them."""
     global _begun
     queue, end = os.pipe()  # one byte per unit, removed by the process that reads it
     os.write(end, bytes(range(len(names))))
@@ -138,7 +135,6 @@ def _begin(names: tuple[str, ...], processes: int) -> None:
 
 
 def _end() -> None:
-    """Terminate the child processes; what they have compiled remains in the cache."""
     global _begun
     if _begun is None:
         return

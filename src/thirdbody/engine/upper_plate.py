@@ -32,7 +32,6 @@ class Segment:
     c: float = 0.0
 
     def value(self, t: float) -> float:
-        """Return the value at time t [s]."""
         tau = t - self.start
         if self.kind == motion.SINE:
             return self.a + 0.5 * self.b * (1.0 - math.cos(self.c * tau))
@@ -115,10 +114,8 @@ class Schedule:
         return (v_x / speed, v_y / speed) if speed > 0.0 else self.direction()
 
     def closed_paths(self, origin: float = 0.0) -> list[tuple[float, float, float]]:
-        """Return start and end (possibly infinite) after `origin`, and period [s] of the intervals in which the path closes.
-
-        In them each axis goes back and forth or rests; the ratio of the periods of both is one of whole numbers up to WHOLE.
-        """
+        """Return start and end (possibly infinite) after `origin`, and period [s] of the intervals in which the path closes: each
+        axis goes back and forth or rests, and the ratio of the periods of both is one of whole numbers up to WHOLE."""
         intervals = []
         starts = sorted({s.start for s in (*self.x, *self.y)})
         for begin, until in pairwise([*starts, math.inf]):
@@ -132,11 +129,9 @@ class Schedule:
         return intervals
 
     def displacement_at(self, t: float) -> tuple[float, float]:
-        """Return the lateral displacement (x, y) [m] at time t [s]."""
         return at_time(self.x, t), at_time(self.y, t)
 
     def top_speed(self) -> float:
-        """Return the largest lateral speed [m/s]."""
         return math.hypot(_top_rate(self.x), _top_rate(self.y))
 
     def largest_load(self, start: float = 0.0, end: float = math.inf) -> float:
@@ -196,8 +191,7 @@ class Schedule:
             yield t, until, None if None in rates else math.hypot(*rates)  # type: ignore[arg-type]
 
     def _cycles(self, begin: float, until: float) -> tuple[float, float]:
-        """Return the number (possibly infinite) of whole cycles in an interval, and the period [s]. (0, 0) where the motion is
-        not periodic."""
+        """Return the number of whole cycles in an interval, and the period [s]; (0, 0) where the motion is not periodic."""
         valid = [_segment_at(axis, begin) for axis in (self.x, self.y) if _constant_rate(axis, begin) is None]
         cycles = {_period(s) for s in valid if s}
         if len(cycles) != 1 or 0.0 in cycles:
@@ -300,7 +294,6 @@ class DirectContact:
     friction: float
 
     def force(self, gap: float) -> float:
-        """Return the normal force [N] at a mean gap [m]."""
         return self.prefactor * math.exp(-gap / self.length)
 
     def gap(self, load: float) -> float:
@@ -340,7 +333,6 @@ class UpperPlate:
     direct: DirectContact | None = None
 
     def table(self) -> Array:
-        """Return the rows of the patches, then the row of the common plate if there is a foundation."""
         P = np.zeros((len(self.heights) + (self.foundation is not None), patch.WIDTH))
         n = len(self.heights)
         P[:n, patch.HEIGHT], P[:n, patch.MASS], P[:n, patch.DAMPING] = self.heights, self.mass, self.damping

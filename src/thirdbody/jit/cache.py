@@ -49,10 +49,8 @@ _frozen: set[str] = set()
 
 @functools.cache
 def cache_folder() -> Path:
-    """Return the cache folder, created if needed; `THIRDBODY_CACHE` overrides its parent.
-
-    Raises OutputError if it cannot be created, or if another user could have written its content.
-    """
+    """Return the cache folder, created if needed; `THIRDBODY_CACHE` overrides its parent. Raises OutputError if it cannot be
+    created, or if another user could have written its content."""
     parent, digest = _parent(), hashlib.sha256(f"{version('numba')} {sys.version}".encode())
     for layer in LAYERS:
         for file in sorted((Path(__file__).parents[1] / layer).rglob("*.py")):
@@ -87,7 +85,6 @@ def folder() -> Path:
 
 
 def cannot_write(path: Path, error: OSError) -> OutputError:
-    """Return the error for compiled code that cannot be stored."""
     reason = error.strerror or str(error)
     return OutputError(f"{path}: compiled code cannot be written ({reason}); {VARIABLE} names another folder for it")
 
@@ -117,7 +114,6 @@ def paused(what: str) -> Iterator[None]:
 
 
 def _parent() -> Path:
-    """Return the parent of all cache folders: named by the variable, the user's, or a temporary one."""
     named = os.environ.get(VARIABLE)
     if named:
         path = Path(named).absolute()
@@ -186,8 +182,8 @@ def _open_to_others(status: os.stat_result) -> bool:
 
 
 def _make_private(path: Path) -> None:
-    """Create a folder into which only this user can write; replace one into which others could write. Raises OutputError for one
-    that belongs to another user, OSError if it cannot be created."""
+    """Create a folder into which only this user can write; replace one into which others could write. Raises OutputError or
+    OSError."""
     with suppress(FileExistsError):
         path.mkdir(mode=0o700)
         return

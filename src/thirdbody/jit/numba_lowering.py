@@ -74,7 +74,6 @@ def _is_pure(instruction: Any) -> bool:
 
 
 def _prune(function: Any) -> None:
-    """Drop instructions whose results are not used."""
     instructions = [one for block in function.blocks for one in block.instructions]
     uses: Counter[int] = Counter()
     for one in instructions:
@@ -195,7 +194,6 @@ class _Lower(lowering.Lower):  # type: ignore[misc]
         return names <= self._singly_assigned_vars
 
     def _struct(self, kind: Any, members: tuple[Any, ...]) -> Any:
-        """Return a structure of these members as a value of a type."""
         value = self.context.get_value_type(kind)(llvm.Undefined)
         for k, member in enumerate(members):
             value = self.builder.insert_value(value, member, k)
@@ -218,7 +216,6 @@ class _Lower(lowering.Lower):  # type: ignore[misc]
         return result
 
     def _counted(self, name: str) -> bool:
-        """Return whether references to the value of a variable are counted."""
         return self.context.enable_nrt and self.context.data_model_manager[self.typeof(name)].contains_nrt_meminfo()
 
 
@@ -245,7 +242,5 @@ def _lasting(blocks: dict[int, Any]) -> set[str]:
 
 @compiler_machinery.register_pass(mutates_CFG=True, analysis_only=False)
 class ShortLowering(typed_passes.BaseNativeLowering):  # type: ignore[misc]
-    """`NativeLowering` with shorter code."""
-
     _name = "short_lowering"  # type: ignore[assignment]
     lowering_class = _Lower  # type: ignore[assignment]

@@ -66,7 +66,6 @@ def allowed_threads() -> int:
 
 
 def parts_of(first: int, last: int, tries: float) -> list[tuple[int, int]]:
-    """Return `pieces_of` for bodies with so many trial steps each, at most."""
     return pieces_of(first, last, max(FEWEST, math.ceil(WORTH / tries)))
 
 
@@ -79,10 +78,8 @@ def pieces_of(first: int, last: int, fewest: int) -> list[tuple[int, int]]:
 
 
 def distribute(pieces: Sequence[Piece], make_worker: Callable[[], Callable[[Piece], None]]) -> None:
-    """Pass each piece, in their order, to one of as many workers as there are threads for this run.
-
-    `make_worker`: makes the worker of a thread, with its scratch. Raises what a worker raises, after all have ended.
-    """
+    """Pass each piece, in their order, to one of as many workers as there are threads for this run, made by `make_worker` with
+    their scratch. Raises what a worker raises, after all have ended."""
     threads, left = min(allowed_threads(), len(pieces)), iter(pieces)
 
     def work() -> None:
@@ -96,8 +93,8 @@ def distribute(pieces: Sequence[Piece], make_worker: Callable[[], Callable[[Piec
 
 @contextmanager
 def helpers(members: int, team: np.ndarray, help_out: Callable[[int], None]) -> Iterator[None]:
-    """Let the other members of a team help with the passes that this thread opens within the block. `help_out(member)` returns
-    once the team is dismissed."""
+    """Let the other members of a team help with the passes of this thread; `help_out(member)` returns once the team is
+    dismissed."""
     team[FIRST::LINE], team[DISMISSED] = CLOSED, 0
     with _at_work([_pool(os.getpid()).submit(help_out, member) for member in range(1, members)]):
         try:
@@ -241,7 +238,6 @@ def next_part(words, member, members, parts):
 
 @njit(**BARE)
 def wait_again(attempts):
-    """Wait a moment after so many attempts, and return their new number."""
     if attempts < SPINS:
         pause()
     else:
@@ -251,7 +247,6 @@ def wait_again(attempts):
 
 @njit(**BARE)
 def close_pass(words, parts):
-    """Wait until all parts are done."""
     attempts = 0
     while load_word(words, DONE) < parts:
         attempts = wait_again(attempts)

@@ -339,10 +339,7 @@ class LawFamily:
 
 @dataclass(frozen=True)
 class Plugin(Checked):
-    """Everything that one plug-in provides except commands.
-
-    Commands are entry points of the group `thirdbody.commands`: functions for typer, imported only when called.
-    """
+    """Everything that one plug-in provides except commands, which are entry points of the group `thirdbody.commands`."""
 
     TUPLES = {"families": LawFamily, "effects": (Law, BodyEffect, SpotInteraction), "measures": Measure}
 

@@ -28,11 +28,8 @@ class DampingParameters(NamedTuple):
 
 
 def restitution_of(alpha: float) -> float:
-    """Coefficient of restitution [-] of the clipped contact for the damping number alpha >= 0.
-
-    Linear oscillator with omega_0^2 = 4/5 and gamma = 2 alpha/5, released where its acceleration vanishes (Schwager and Poeschel
-    2007, Eqs. 10-12).
-    """
+    """Coefficient of restitution [-] of the clipped contact for the damping number alpha >= 0: linear oscillator with omega_0^2 =
+    4/5 and gamma = 2 alpha/5, released where its acceleration vanishes (Schwager and Poeschel 2007, Eqs. 10-12)."""
     omega_0, gamma = math.sqrt(0.8), 0.4 * alpha
     if gamma == 0.0:
         return 1.0
@@ -66,7 +63,6 @@ def hertz_damping(c, n, p):
 
 
 def mix_damping(pair: Pair, _options: Options) -> DampingParameters:
-    """Return the scale alpha sqrt((4/3) E*) of a pair."""
     return DampingParameters(damping_number(pair.restitution) * math.sqrt(4.0 / 3.0 * e_star(pair.a, pair.b)))
 
 
@@ -77,7 +73,6 @@ def tangential_damping(c, load, p):
 
 
 def mix_tangential_damping(pair: Pair, _options: Options) -> DampingParameters:
-    """Return the scale alpha sqrt((4/3) G*) of a pair."""
     return DampingParameters(damping_number(pair.restitution) * math.sqrt(4.0 / 3.0 * g_star(pair.a, pair.b)))
 
 

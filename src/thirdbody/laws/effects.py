@@ -71,12 +71,9 @@ def against(alpha, force, velocity):
 
 @kernel
 def local(b, total, p):
-    """-alpha |F_k| sign(v_k) and -alpha |T_k| sign(omega_k), component by component along the world axes.
-
-    It never moves a body at rest and vanishes in equilibrium, so it does not shift equilibrium positions; but it slows a fall to
-    (1 - alpha) g and is unphysical: between two turning points the potential energy, measured from the equilibrium, falls to the
-    fraction (1 - alpha)/(1 + alpha), whatever the frequency.
-    """
+    """-alpha |F_k| sign(v_k) and -alpha |T_k| sign(omega_k), component by component along the world axes: zero in equilibrium,
+    but it slows a fall to (1 - alpha) g: between two turning points the potential energy falls to (1 - alpha)/(1 + alpha) of
+    it."""
     return Wrench(
         against(p.alpha, total.f_x, b.v_x), against(p.alpha, total.f_y, b.v_y), against(p.alpha, total.f_z, b.v_z),
         against(p.alpha, total.t_x, b.w_x), against(p.alpha, total.t_y, b.w_y), against(p.alpha, total.t_z, b.w_z),

@@ -37,7 +37,6 @@ SIMPLE = (type(None), type(Ellipsis), bool, int, float, complex, str, bytes)
 
 
 def plain(function: Any) -> Any:
-    """Return the Python function of a compiled one."""
     return function.py_func if hasattr(function, "py_func") else function
 
 
@@ -81,10 +80,7 @@ def sources(functions: Iterable[Callable]) -> str:
 
 
 class Reached:
-    """Code and values that functions reach, wherever they are installed, and the modules that define functions and classes.
-
-    The digest is the same for the same code and values in any process.
-    """
+    """Code and values that functions reach, wherever they are installed, and the modules that define functions and classes."""
 
     def __init__(self, functions: Iterable[Callable]) -> None:
         self.digest = hashlib.sha256()
@@ -124,7 +120,6 @@ class Reached:
                 self._object(value, names)
 
     def _object(self, value: Any, names: frozenset[str]) -> None:
-        """Add a module, a function, a class, or an instance of one."""
         owner = value if hasattr(value, "__name__") else type(value)
         self._add(type(value).__name__, getattr(owner, "__module__", ""), getattr(owner, "__qualname__", owner.__name__))
         if isinstance(value, ModuleType):
@@ -176,10 +171,8 @@ _bare: dict[Any, Any] = {}
 
 
 def as_kernel(kernel: Any) -> Any:
-    """Return the kernel, and with it all that it calls, without wrappers for Python, which take as long to compile as most laws.
-
-    It is callable from kernels only.
-    """
+    """Return the kernel, and with it all that it calls, without wrappers for Python, which take as long to compile as most
+    laws."""
     function = plain(kernel)
     if kernel in _bare or function is kernel or not kernel._can_compile:  # the compiler is off, or types are declared
         return _bare.get(kernel, kernel)
@@ -243,18 +236,13 @@ class _Folding(ast.NodeTransformer):
 
 
 def folded(text: str, known: Mapping[str, Any]) -> str:
-    """Return the text of a module with branches and numbers that these constants decide; comments are lost.
-
-    numba would decide them too, but after it has read all branches: a third of the compile time of small laws.
-    """
+    """Return the text of a module with branches and numbers that these constants decide: numba would read all branches first, for
+    a third of the compile time of small laws."""
     return ast.unparse(_Folding(dict(known)).visit(ast.parse(text))) + "\n"
 
 
 def load_module(kind: str, text: str, functions: Sequence[Callable]) -> tuple[ModuleType, Path]:
-    """Write the generated text under a name that hashes all its dependencies, and import it. Thread-safe.
-
-    Raises OutputError if it cannot be written.
-    """
+    """Write the generated text under a name that hashes all its dependencies, and import it. Thread-safe. Raises OutputError."""
     digest = hashlib.sha256(f"{text}{numba.__version__}{sources(functions)}".encode())
     name = f"thirdbody_{kind}_{digest.hexdigest()[:20]}"
     path = cache.folder() / f"{name}.py"

@@ -45,11 +45,9 @@ class Layout(NamedTuple):
 
     @property
     def width(self) -> int:
-        """Number of columns of a contact."""
         return 1 + len(self.targets)
 
     def units(self) -> dict[str, str]:
-        """Return the unit of every array of bodies and contacts and of every map, by name."""
         return {name: unit for name, unit, *_ in (*self.bodies, *self.maps, *self.maxima)}
 
 
@@ -111,5 +109,4 @@ def measures_text(measures: Sequence[Measure]) -> str:
 
 
 def compose_measures(measures: Sequence[Measure]) -> Callable:
-    """Compile the function of signature `MEASURE` that evaluates these measures."""
     return load_module("measure", measures_text(measures), [measure.kernel for measure in measures])[0].measure

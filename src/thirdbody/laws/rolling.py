@@ -22,11 +22,8 @@ class RollingParameters(NamedTuple):
 
 @kernel
 def rolling_resistance(c, turn, load, p, h):
-    """Spring limited to mu_r R* N, k_r = 2.25 k_n (mu_r R*)^2 with k_n = 2 E* a, the normal stiffness of any circular contact.
-
-    As in `coulomb`, a falling stiffness releases its fraction of moment and energy: U = M^2/(2 k_r), and no closed path creates
-    energy. The spring yields at the angle N/(2.25 k_n mu_r R*), for a Hertz contact 0.296 d/(mu_r R*) at the overlap d.
-    """
+    """Spring limited to mu_r R* N, k_r = 2.25 k_n (mu_r R*)^2 with k_n = 2 E* a, the normal stiffness of any circular contact. As
+    in `coulomb`, a falling stiffness releases its fraction of moment and energy: U = M^2/(2 k_r)."""
     x_old, y_old, k_old = h
     arm = p.mu_r * c.radius
     limit = arm * load.force

@@ -39,7 +39,8 @@ def contact_jacobian(n, arm, radius):
 @njit(**BARE)
 def add_stiffness(s, k, g):
     """Add the stiffness of a contact with `contact_jacobian` g to the sum s:
-    // J^T (k_t 1 + (k_n - k_t) n n^T) J + k_r (1 - n n^T) + k_w n n^T, J = (1, -[r]x): forces per displacement, moments per
+
+    J^T (k_t 1 + (k_n - k_t) n n^T) J + k_r (1 - n n^T) + k_w n n^T, J = (1, -[r]x): forces per displacement, moments per
     rotation, forces per rotation."""
     d, t, r, one = broadcast_lane(k, 0), broadcast_lane(k, 1), broadcast_lane(k, 2), set4(1.0, 1.0, 1.0, 0.0)
     w = broadcast_lane(k, 3)

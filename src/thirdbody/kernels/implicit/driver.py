@@ -14,7 +14,7 @@ closed ones are written back.
 """
 
 import math
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 from numba import njit, types
@@ -195,23 +195,12 @@ changing_context_of = make_unpacker(Unpacked(KINDS, ImplicitContext, changing=Tr
 advance_at = function_at(ADVANCE)
 
 
-class Span(NamedTuple):
-    """Bodies `first` to `last` - 1 of a batch, of which `low` to `high` - 1 are advanced; address of `driver.advance_islands`."""
-
-    first: int
-    last: int
-    low: int
-    high: int
-    advance: int
+Span = namedtuple("Span", "first last low high advance")
+"""Bodies `first` to `last` - 1 of a batch, of which `low` to `high` - 1 are advanced; address of `driver.advance_islands`."""
 
 
-class OneBody(NamedTuple):
-    """Tables with room for the candidates and the spheres of any body; radii of all spheres, or none where spheres are kept."""
-
-    H: np.ndarray
-    R: np.ndarray
-    S: np.ndarray
-    radii: np.ndarray
+OneBody = namedtuple("OneBody", "H R S radii")
+"""Tables with room for the candidates and the spheres of any body; radii of all spheres, or none where spheres are kept."""
 
 
 @njit(**BARE)

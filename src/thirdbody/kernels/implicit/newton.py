@@ -5,8 +5,8 @@ the root of the sum of squares, each over the forces that act on the body at the
 """
 
 import math
+from collections import namedtuple
 from enum import IntEnum
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -46,16 +46,12 @@ AT_LIMIT, BACK = 1.0 - 1e-9, 0.05
 which a correction may reverse it."""
 
 
-class Patience(NamedTuple):
-    """Maximum iterations, corrections accepted although the residual grows, and halvings of one correction.
+Patience = namedtuple("Patience", "iterations leaps halvings")
+"""Maximum iterations, corrections accepted although the residual grows, and halvings of one correction.
 
-    Beyond the iterations two half steps are cheaper. Where contacts change between stick and slip, Newton's method has to
-    overshoot to reach the other branch.
-    """
-
-    iterations: int
-    leaps: int
-    halvings: int
+Beyond the iterations two half steps are cheaper. Where contacts change between stick and slip, Newton's method has to
+overshoot to reach the other branch.
+"""
 
 
 ALONE = Patience(10, 4, 0)

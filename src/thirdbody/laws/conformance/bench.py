@@ -82,8 +82,6 @@ right under it too; one that assumes a sphere is not."""
 
 
 class Setting(NamedTuple):
-    """One row of the parameter table: materials, the law's options, the contact's effective radius [m]."""
-
     label: str
     pair: Pair
     options: dict[str, Any]
@@ -149,11 +147,8 @@ class Inputs(NamedTuple):
 
 
 class Bench:
-    """One law in its place in a chain: after Hertz unless it is a normal law; a tangential dashpot after Mindlin, too.
-
-    Effective radius [m], friction and `outermost`, the overlap from which on bodies act on each other [m], are columns
-    (REPEATS * T, 1): paths of n tiles use the first n rows.
-    """
+    """One law in its place in a chain: after Hertz unless it is a normal law; a tangential dashpot after Mindlin, too. Radius,
+    friction and `outermost`, where bodies begin to act on each other [m], are columns (REPEATS * T, 1)."""
 
     def __init__(self, law: Law):
         sets = option_sets(law)
@@ -179,7 +174,6 @@ class Bench:
         return np.resize(np.array([*values], float), (REPEATS * len(self.settings), 1))
 
     def inputs(self, requested: Inputs, history: Array) -> Array:
-        """Return the tiles in the engine's layout, (T, fields, TILE)."""
         tiles, end = len(requested.overlap), law_input.HISTORY + self.width
         radius = self.radius[:tiles]
         I = np.zeros((tiles, end + rolling_input.WIDTH, TILE))  # noqa: E741
@@ -214,7 +208,6 @@ class Bench:
         return O[:, : law_output.HISTORY], memory
 
     def virgin(self, tiles: int) -> Array:
-        """Return an empty history."""
         return np.zeros((tiles, self.width, TILE))
 
     def interpreted(self) -> Callable:
@@ -243,10 +236,7 @@ COMPILER_IS_OFF = plain(HERTZ.kernel) is HERTZ.kernel  # whether numba is disabl
 
 
 class ContactPath(NamedTuple):
-    """Piecewise straight paths from the virgin state: overlap (k, T, TILE) and slip (k, T, 2, TILE) at the corners [m].
-
-    `start`: overlap at the start, zero or (T, 1).
-    """
+    """Piecewise straight paths from the virgin state: overlap (k, T, TILE) and slip (k, T, 2, TILE) at the corners [m]."""
 
     overlap: Array
     slip: Array
@@ -280,13 +270,9 @@ def follow_path(bench: Bench, path: ContactPath, m: int) -> Iterator[Instant]:
 
 
 def random_paths(bench: Bench, corners: int, repeats: int = 1, resolved: bool = False) -> ContactPath:
-    """Random corners: overlap 1e-6 to 0.03 radii, one in eight apart; a third of the paths have their slip on a line.
-
-    Corners apart are beyond touch and, where the law has a reach, from touch to twice the reach.
-
-    The slip is scaled by the overlap, by the radius, or by the displacement at which, according to the law, a virgin contact
-    slips; only by the last if `resolved`, so that every reversal takes some twenty steps.
-    """
+    """Random corners: overlap 1e-6 to 0.03 radii, one in eight beyond touch, or to twice the reach; a third with slip on a line.
+    The slip is scaled by the overlap, the radius, or the displacement at which a virgin contact slips; only by that if
+    `resolved`."""
     rng = np.random.default_rng(SEED)
     tiles = repeats * len(bench.settings)
     lanes = (tiles, TILE)
@@ -312,10 +298,8 @@ def random_paths(bench: Bench, corners: int, repeats: int = 1, resolved: bool = 
 
 
 def closed_cycles(bench: Bench) -> ContactPath:
-    """Press, shear, change the overlap, shear back, return: with less overlap (C1) or more (C2) on the return.
-
-    On these paths the form F = k_t(d) xi creates the energy (k_1 - k_0) U^2/2 (Elata and Berryman 1996).
-    """
+    """Press, shear, change the overlap, shear back, return: with less overlap (C1) or more (C2) on the return. There the form F =
+    k_t(d) xi creates the energy (k_1 - k_0) U^2/2 (Elata and Berryman 1996)."""
     tiles = len(bench.settings)
     rng = np.random.default_rng(SEED + 1)
     high = bench.radius[:tiles] * 10.0 ** rng.uniform(-4.0, -2.0, (tiles, TILE))

@@ -133,7 +133,6 @@ class Sample(NamedTuple):
         return self.contact.overlap - float(self.bench.outermost[self.setting, 0])
 
     def arguments(self, c: Contact) -> tuple[Any, ...]:
-        """Return the arguments of the law's tangent for this contact."""
         stage, p, count = self.bench.law.stage, self.bench.parameters[self.setting], len(self.bench.law.history)
         memory: tuple[Any, ...] = (self.history[:count],) if count else ()
         if len(self.history) > count:
@@ -152,7 +151,6 @@ class Sample(NamedTuple):
         return (c, load, p, *memory)
 
     def answer(self, c: Contact) -> Any:
-        """Return the result of the law for this contact."""
         size = len(self.history) - len(self.bench.law.history)
         answer = plain(self.bench.law.kernel)(*self.arguments(c), *((np.zeros(size),) if size else ()))
         return answer[0] if self.bench.law.history else answer
@@ -247,11 +245,8 @@ def _difference(sample: Sample) -> tuple[Array, Array]:
 
 
 def area(bench: Bench) -> Result:
-    """Test what a normal law tells of its contact area.
-
-    `squared_radius_rate` is the derivative of the squared contact radius by the overlap, away from kinks; the peak pressure is at
-    least the mean one.
-    """
+    """Test that `squared_radius_rate` is the derivative of the squared contact radius by the overlap, away from kinks, and the
+    peak pressure at least the mean one."""
     cases = samples(bench)
     for sample in cases:
         c, span, n = sample.contact, sample.span, sample.answer(sample.contact)
