@@ -29,19 +29,14 @@ contact between bodies that begins to slide is labelled late."""
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Settings of the step control.
+    """Settings of the step control."""
 
-    `tolerance`: error of a step over the radius of the largest contact; `radii`: largest drag in one step over the same radius;
-    `largest_step`: largest drag in one step [m]; `growth`: largest ratio of consecutive steps; `inertia`: whether bodies keep
-    their momentum; `skip_unsolved`: whether a run continues without bodies that cannot be solved.
-    """
-
-    tolerance: float = 5e-4
-    radii: float = 20.0
-    largest_step: float = math.inf
-    growth: float = 2.0
-    inertia: bool = True
-    skip_unsolved: bool = False
+    tolerance: float = 5e-4  # error of a step over the radius of the largest contact
+    radii: float = 20.0  # largest drag in one step over the same radius
+    largest_step: float = math.inf  # largest drag in one step [m]
+    growth: float = 2.0  # largest ratio of consecutive steps
+    inertia: bool = True  # whether bodies keep their momentum
+    skip_unsolved: bool = False  # whether a run continues without bodies that cannot be solved
 
     def settings(self, state: State, overlap: float, rayleigh: float) -> Array:
         """Return the settings as kernels read them; `overlap`: to expect [m]; `rayleigh`: time [s]."""

@@ -52,16 +52,12 @@ class AllRows:
 
 @dataclass
 class ClosedRows:
-    """Rows of closed contacts only.
+    """Rows of closed contacts only."""
 
-    `edges` (batches + 1,): first candidate of each batch of `size` bodies; `widths`: columns of H and R; `compact`: the closed
-    contacts of each batch, whose H and R may have spare rows.
-    """
-
-    edges: Ints
-    size: int
-    widths: tuple[int, int]
-    compact: list[ClosedContacts]
+    edges: Ints  # (batches + 1,): first candidate of each batch
+    size: int  # bodies of a batch
+    widths: tuple[int, int]  # columns of H and R
+    compact: list[ClosedContacts]  # those of each batch, whose H and R may have spare rows
 
     @classmethod
     def of(cls, edges: Ints, size: int, closed: Ints, rows: tuple[Array, Array]) -> ClosedRows:
@@ -124,34 +120,25 @@ class ClosedRows:
 
 @dataclass
 class Candidates:
-    """Sorted candidate contacts, those with plates first.
-
-    Q: closest points of rough plates, one row per candidate with a plate, or no rows. `rows`: histories H, and records R of the
-    last observed step, or no rows of R. F: remote forces. `closed` (n,): 1: in contact, else 0.
-    `edges` (n_bodies + 1,): first entry of each body in `incidence` (2 * candidate, +1 if the body is the partner).
-    `near`: spheres that have candidates; those of each body start at `beginning` (n_bodies + 1,).
-    `outer` (n,): number of the remote force on the partner's body, `remote_body`; -1: both bodies are in one group.
-    `cuts` (3, chunks + 1): see `kernels.bodies`. `lowest` (groups,): first group whose contacts act on bodies of the group.
-    `needs`: offsets (groups + 1,) of the lists of other groups whose bodies the group's contacts need, then these lists.
-    """
+    """Sorted candidate contacts, those with plates first."""
 
     own: Numbers
     partner: Numbers
     kind: Numbers
-    closed: NDArray[np.int8]
-    outer: Numbers
-    edges: Numbers
-    incidence: Numbers
-    near: Numbers
-    beginning: Numbers
-    remote_body: Numbers
-    cuts: Numbers
-    lowest: Numbers
-    needs: Numbers
+    closed: NDArray[np.int8]  # 1: in contact, else 0
+    outer: Numbers  # number of the remote force on the partner's body; -1: both bodies are in one group
+    edges: Numbers  # (n_bodies + 1,): first entry of each body in `incidence`
+    incidence: Numbers  # 2 * candidate, +1 if the body is the partner
+    near: Numbers  # spheres that have candidates
+    beginning: Numbers  # (n_bodies + 1,): first one of each body in `near`
+    remote_body: Numbers  # the body on which each remote force acts
+    cuts: Numbers  # (3, chunks + 1): see `kernels.bodies`
+    lowest: Numbers  # (groups,): first group whose contacts act on bodies of the group
+    needs: Numbers  # offsets (groups + 1,) of the lists of other groups whose bodies the group's contacts need, then these lists
     n_plates: int
-    Q: Array
-    F: Array
-    rows: AllRows | ClosedRows
+    Q: Array  # closest points of rough plates, a row per candidate with a plate, or no rows
+    F: Array  # remote forces
+    rows: AllRows | ClosedRows  # histories H, and records R of the last observed step, or no rows of R
 
     @property
     def H(self) -> Array:

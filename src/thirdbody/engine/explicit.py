@@ -20,11 +20,13 @@ from thirdbody.jit.threads import ThreadTuner, allowed_threads, distribute, help
 from thirdbody.kernels import bodies as body_pass
 from thirdbody.kernels.arguments import KINDS, WORK, Context
 from thirdbody.kernels.explicit import contact_forces as contact_pass
-from thirdbody.kernels.explicit import critical_time_step, step_loop
+from thirdbody.kernels.explicit import critical_time_step as limits
+from thirdbody.kernels.explicit import step_loop
 from thirdbody.kernels.explicit.passes import work
 from thirdbody.kernels.minima import UPDATE, update
-from thirdbody.kernels.step_tables import body_force, chunk_motion, contact_sums, drift_scratch
+from thirdbody.kernels.step_tables import body_force, chunk_motion, contact_stiffness, contact_sums, drift_scratch
 from thirdbody.kernels.tables import domain, loaded_contact, patch, run_totals, sphere
+from thirdbody.kernels.tile import TILE, law_input
 from thirdbody.laws.contract import Material
 
 BUDGET = 64
@@ -272,8 +274,8 @@ class Bound:
     """Time step [s] and what limits it."""
 
     step: float
-    mechanism: str
-    body: int
+    mechanism: str  # rayleigh, translation, rotation, damping or patch
+    body: int  # number of the limiting body in the scene
     stability: float  # longest stable step [s]; infinite without contacts
     rayleigh: float  # Rayleigh time [s]
 
@@ -307,31 +309,34 @@ def _contact_bounds(
 ) -> tuple[Ints, Array, Array]:
     """Return candidates for the shortest step: bodies, their bounds (n, 4), bounds of patches (m, 4)."""
     slots, physics = candidates or state.slots, state.physics
-    context = critical_time_step.Assembly(  # type: ignore[call-arg]
+    context = limits.Assembly(  # type: ignore[call-arg]
         slots.n_plates, slots.own, slots.partner, slots.kind, slots.edges, slots.incidence, state.body, state.S, state.B,
         state.E, state.orientations, _pressed(state, horizon), slots.Q, state.D, physics.pairs,
     )  # fmt: skip
     drag = float(state.A[run_totals.PLATE_SPEED]) * state.A[run_totals.HEADING2]
-    tables = critical_time_step.make_tables(state.n_bodies, slots.count, len(state.P))
-    ahead = critical_time_step.Horizon(horizon, max_overlap, float(drag[0]), float(drag[1]))
+    tables = limits.Tables(  # each allocation in a kernel would cost 0.1 s of compilation
+        np.empty((slots.count, contact_stiffness.WIDTH)), np.empty(slots.count, np.int32), np.empty((state.n_bodies, 2)),
+        np.zeros((len(state.P), 4)), np.empty(state.n_bodies, np.int64), np.empty((state.n_bodies, 4)), np.empty((4, 6, 8)),
+    )  # fmt: skip
+    ahead = limits.Horizon(horizon, max_overlap, float(drag[0]), float(drag[1]))
     # contacts with plates in one piece: those of a patch are summed in their order
     flat, pairs = [(0, slots.n_plates)], pieces_of(slots.n_plates, slots.count, FEWEST)
     longest = max(last - first for first, last in flat + pairs)
 
     def stiffness_worker() -> Callable[[tuple[int, int]], None]:
-        scratch, given = critical_time_step.make_scratch(longest), (context, ahead, physics.stiffness_at)
-        return lambda piece: critical_time_step.find_stiffnesses(*piece, *given, scratch, tables)
+        scratch = limits.Scratch(np.zeros((law_input.HISTORY + 1) * TILE), np.zeros(8 * TILE), np.empty(longest + 1, np.int32))
+        return lambda piece: limits.find_stiffnesses(*piece, context, ahead, physics.stiffness_at, scratch, tables)
 
     def bound_worker() -> Callable[[tuple[int, int]], None]:
         near = np.empty(slots.max_per_body + 1, np.int32)
-        return lambda piece: critical_time_step.bound_bodies(*piece, context, near, tables)
+        return lambda piece: limits.bound_bodies(*piece, context, near, tables)
 
     distribute(flat, stiffness_worker)
     distribute(pairs, stiffness_worker)
     many = state.n_bodies if slots.count else 0
     distribute(pieces_of(0, many, FEWEST), bound_worker)
     near = np.empty(slots.max_per_body + 1, np.int32)
-    result = critical_time_step.shortest_steps(many, context, ahead.time, near, tables)
+    result = limits.shortest_steps(many, context, ahead.time, near, tables)
     return tables.number[:result], tables.bodies[:result], tables.patches
 
 

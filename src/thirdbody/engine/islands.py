@@ -21,15 +21,12 @@ BATCH = 512  # bodies per call, or per part of one; one step of so many is enoug
 
 @dataclass(frozen=True)
 class Islands:
-    """Islands as tables of the kernels (`IslandTables`), with their sizes (n,).
-
-    `number` (n_bodies,): the island of each body; `pieces`: ranges of `order` of similar cost, for threads.
-    """
+    """Islands as tables of the kernels (`IslandTables`)."""
 
     tables: Any  # its fields are made at run time, so type checkers do not see them
-    sizes: Ints
-    number: Ints
-    pieces: list[tuple[int, int]]
+    sizes: Ints  # (n,)
+    number: Ints  # (n_bodies,): the island of each body
+    pieces: list[tuple[int, int]]  # ranges of `order` of similar cost, for threads
 
     @property
     def count(self) -> int:
@@ -149,18 +146,13 @@ Measured for 100 to 2000 bodies of the main scene at area fractions of 0.05 to 0
 
 
 class ExpectedIslands(NamedTuple):
-    """Islands of a layer.
+    """Islands of a layer."""
 
-    `stride`: the drag [m] within which their bodies could meet; `area_fraction`: of the domain, covered by the bodies as balls of
-    their volumes; `fraction_of_bodies` in islands of two and more at the start; `mean`, `largest`: expected number of bodies in
-    the island of a body, and in the largest one, during the run.
-    """
-
-    stride: float
-    area_fraction: float
-    fraction_of_bodies: float
-    mean: float
-    largest: int
+    stride: float  # drag [m] within which their bodies could meet
+    area_fraction: float  # of the domain, covered by the bodies as balls of their volumes
+    fraction_of_bodies: float  # in islands of two and more at the start
+    mean: float  # expected number of bodies in the island of a body
+    largest: int  # the same in the largest one during the run
 
 
 def island_stride(state: State) -> float:

@@ -45,11 +45,7 @@ SUMMED = (
 
 @dataclass(frozen=True)
 class World:
-    """Domain and plates. A domain that is not `periodic` is open, or ends at its `size` [m] if `bounded`.
-
-    `lower_surface`, `upper_surface`: heights of rough plates (`kernels.height_field.pack_field`), None where they are flat;
-    `curved`: whether the curvature of the lower and of the upper one enters the effective radius.
-    """
+    """Domain and plates. A domain that is not `periodic` is open, or ends at its `size` [m] if `bounded`."""
 
     size: tuple[float, float]
     periodic: bool
@@ -57,9 +53,9 @@ class World:
     lower: int | None
     upper: UpperPlate | None
     debris_meets: bool
-    lower_surface: Array | None = None
+    lower_surface: Array | None = None  # heights (`kernels.height_field.pack_field`); None: flat
     upper_surface: Array | None = None
-    curved: tuple[bool, bool] = (True, True)
+    curved: tuple[bool, bool] = (True, True)  # whether the curvature of lower and upper plate enters the effective radius
 
     @property
     def rough(self) -> bool:
@@ -122,20 +118,14 @@ class Physics(Chain):
 
 @dataclass
 class State:
-    """Tables at one synchronised instant; columns are declared in `kernels.tables`.
-
-    S may be the same array as B; where it is not kept, it is made anew for each reader from `radii`. `side`
-    (n_spheres,): what a sphere can touch (`kernels.tables`). `order` (n_bodies,): number of each body in the scene and in all
-    outputs. `summed`: the integrator sums the elastic energies; otherwise they come from the records. `inertial`: bodies and
-    patches have inertia, thus kinetic energy. W, `maps`: what measures have collected (`engine.measures`).
-    """
+    """Tables at one synchronised instant; columns are declared in `kernels.tables`."""
 
     world: World
     physics: Physics
     B: Array
     E: Array
     orientations: Array
-    sphere_table: Array | None
+    sphere_table: Array | None  # may be B; None: made anew for each reader of S, from `radii`
     P: Array
     A: Array
     D: Array
@@ -145,7 +135,7 @@ class State:
     offsets: Array
     X0: Array
     body: Ints
-    side: NDArray[np.int8]
+    side: NDArray[np.int8]  # what a sphere can touch (`kernels.tables`)
     start: Ints
     patch: Ints
     material: Ints
@@ -153,14 +143,14 @@ class State:
     rayleigh_radius: Array
     slots: Candidates
     skin: float
-    order: Ints
-    W: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    order: Ints  # number of each body in the scene and in all outputs
+    W: Array = field(default_factory=lambda: np.zeros((0, 0)))  # like `maps` what measures have collected
     maps: Array = field(default_factory=lambda: np.zeros((0, 2, 1, 1)))
     radii: Array = field(default_factory=lambda: np.zeros(0))  # of spheres that are not kept
     dt: float = 0.0
     searches: int = 0
-    summed: bool = False
-    inertial: bool = True
+    summed: bool = False  # whether the integrator sums the elastic energies; otherwise they come from the records
+    inertial: bool = True  # whether bodies and patches have inertia, thus kinetic energy
 
     @property
     def n_bodies(self) -> int:

@@ -315,11 +315,7 @@ class Foundation:
 
 @dataclass(frozen=True)
 class UpperPlate:
-    """Upper plate: patches and schedule.
-
-    Patches (one if the plate is rigid, otherwise one per body) have heights, masses, dashpots and loads; patches that are not
-    `free` follow the schedule's gap. Run and schedule share their time origin.
-    """
+    """Upper plate: patches (one if it is rigid, otherwise one per body), which follow the schedule's gap unless `free`."""
 
     material: int
     heights: Array

@@ -136,25 +136,6 @@ def book_opened(n, context, tile):
 
 
 @njit(**BARE_CHUNK)
-def load_dashpot_forces(n, context, I):  # noqa: E741
-    """Load the last forces and moments, if any, of the dashpots of n contacts over their velocities."""
-    column, n_history = context.dashpots, context.n_history
-    old = I[(law_input.HISTORY + column) * TILE :]
-    for q in range(n):
-        p = np.uint64(q)
-        I[p + law_input.NORMAL_VELOCITY * TILE], I[p + law_input.VELOCITY_X * TILE], I[p + law_input.VELOCITY_Y * TILE] = (
-            unpack_triple(old[p])
-        )
-    if has_dashpot_moments(context):
-        old, to = I[(law_input.HISTORY + column + 1) * TILE :], I[(law_input.HISTORY + n_history) * TILE :]
-        for q in range(n):
-            p = np.uint64(q)
-            to[p + rolling_input.RATE_X * TILE], to[p + rolling_input.RATE_Y * TILE], twist = unpack_triple(old[p])
-            if has_twist(context):
-                to[p + rolling_input.TWIST_RATE * TILE] = twist
-
-
-@njit(**BARE_CHUNK)
 def store_dashpot_forces(n, context, O):  # noqa: E741
     new, behind = O[(law_output.HISTORY + context.dashpots) * TILE :], O[(law_output.HISTORY + context.n_history) * TILE :]
     for q in range(n):
@@ -187,11 +168,23 @@ def book_dashpots(n, dt, context, tile):
     """Write the energy that the dashpots of n contacts dissipate into law_output.DASHPOT_POWER [J]; store their forces."""
     I, O, half = tile.inputs, tile.outputs, broadcast(0.5 * dt)  # noqa: E741
     behind, rotation = law_output.HISTORY + context.n_history, law_input.HISTORY + context.n_history
-    load_dashpot_forces(n, context, I)
+    old = I[(law_input.HISTORY + context.dashpots) * TILE :]
+    for q in range(n):  # the last forces and moments, over the velocities
+        p = np.uint64(q)
+        I[p + law_input.NORMAL_VELOCITY * TILE], I[p + law_input.VELOCITY_X * TILE], I[p + law_input.VELOCITY_Y * TILE] = (
+            unpack_triple(old[p])
+        )
+    if has_dashpot_moments(context):
+        last, to = I[(law_input.HISTORY + context.dashpots + 1) * TILE :], I[rotation * TILE :]
+        for q in range(n):
+            p = np.uint64(q)
+            to[p + rolling_input.RATE_X * TILE], to[p + rolling_input.RATE_Y * TILE], twist = unpack_triple(last[p])
+            if has_twist(context):
+                to[p + rolling_input.TWIST_RATE * TILE] = twist
     for q in range(0, n, LANES):
         force = get(I, q + law_input.NORMAL_VELOCITY * TILE) + get(O, q + (behind + rolling_output.VISCOUS_NORMAL) * TILE)
-        old, slip = np.int64(law_input.VELOCITY_X), np.int64(law_input.SLIP_X)
-        across = work_of_mean(q, old, behind + rolling_output.VISCOUS_X, slip, tile)
+        velocity, slip = np.int64(law_input.VELOCITY_X), np.int64(law_input.SLIP_X)
+        across = work_of_mean(q, velocity, behind + rolling_output.VISCOUS_X, slip, tile)
         work = half * force * separation_rate(q, tile.geometry) + across
         if has_dashpot_moments(context):
             rate, moment = rotation + rolling_input.RATE_X, behind + rolling_output.VISCOUS_MOMENT_X

@@ -335,13 +335,6 @@ def place_spots(t, n, filled, spots, G):
 
 
 @njit(**BARE)
-def spots_of(tile):
-    G, a, b = tile.geometry, geometry.RELIEF * TILE, geometry.SPOT_FORCE * TILE
-    c, d = geometry.PULL * TILE, (geometry.PULL + 1) * TILE
-    return Spots(G[a : a + TILE], G[b : b + TILE], G[c : c + TILE], G[d : d + TILE], tile.outputs)
-
-
-@njit(**BARE)
 def relieve(n, tile):
     I, G = tile.inputs, tile.geometry  # noqa: E741
     for q in range(n):

@@ -61,10 +61,8 @@ def body_contacts(b, context, C):
                 R[k, record.SURFACE_VELOCITY + d] if second else R[k, record.PARTNER_VELOCITY + d]
             )
         C[n, loaded_contact.SPHERE_RADIUS] = R[k, record.PARTNER_RADIUS] if second else R[k, record.SPHERE_RADIUS]
-        C[n, loaded_contact.CONTACT_RADIUS] = R[k, record.CONTACT_RADIUS]
-        C[n, loaded_contact.OVERLAP] = R[k, record.OVERLAP]
-        C[n, loaded_contact.NORMAL_FORCE] = R[k, record.NORMAL_FORCE]
-        C[n, loaded_contact.LOAD] = R[k, record.LOAD]
+        for d in range(4):  # and overlap, normal force, load
+            C[n, loaded_contact.CONTACT_RADIUS + d] = R[k, record.CONTACT_RADIUS + d]
         C[n, loaded_contact.FRICTION_LIMIT] = R[k, record.FRICTION_LIMIT]
         C[n, loaded_contact.CRITICAL_SLIP] = R[k, record.CRITICAL_SLIP]
         C[n, loaded_contact.SLIP] = H[k, contact_state.SLIP] - contact_state.CLOSED

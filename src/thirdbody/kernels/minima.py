@@ -75,12 +75,6 @@ def has_minimum(k, row, Q):
 
 
 @njit(**BARE)
-def has_more(k, row, Q):
-    """Return whether the given row of the sphere whose first row is k or one behind it has a minimum."""
-    return np.int64(Q[k, surface_contact.MINIMA]) >> row != 0
-
-
-@njit(**BARE)
 def set_minimum(k, row, Q):
     Q[k, surface_contact.MINIMA] = np.int64(Q[k, surface_contact.MINIMA]) | np.int64(1) << row
 
@@ -138,7 +132,7 @@ def follow(k, field, x, start, tables):
 def follow_all(k, field, x, shortest, tables):
     """Move all minima of the sphere whose first row is k; of two that meet, the one that jumped to the other ends."""
     Q, a, t = tables.Q, 0, surface_contact.START
-    while has_more(k, a, Q):
+    while np.int64(Q[k, surface_contact.MINIMA]) >> a != 0:
         if has_minimum(k, a, Q):
             o_x, o_y = offset_of(k + a, Q)
             d_x, d_y = o_x - Q[k + a, t], o_y - Q[k + a, t + 1]
@@ -185,7 +179,7 @@ def may_split(k, field, radius, reach, Q):
     """Return whether a second minimum may begin beside one that touches. The normal turns by the sum of k_i/(1 + k_i D),
     principal curvatures k_i, distance D: large and negative in a narrow hollow."""
     a, t = 0, surface_contact.NORMAL_GRADIENT
-    while (radius + reach) * field[height_field.MAX_CURVATURE] >= 1.0 and has_more(k, a, Q):
+    while (radius + reach) * field[height_field.MAX_CURVATURE] >= 1.0 and np.int64(Q[k, surface_contact.MINIMA]) >> a != 0:
         if has_minimum(k, a, Q) and Q[k + a, surface_contact.DISTANCE] < radius + reach:
             if (Q[k + a, t] + Q[k + a, t + 1] + Q[k + a, t + 2]) * radius < HOLLOW:
                 return True
@@ -205,7 +199,7 @@ def search_is_due(k, field, x, sphere_reach, Q):
 @njit(**BARE_CHUNK)
 def update_sphere(k, field, tables):
     Q, S, i, upper = tables.Q, tables.S, tables.own[k], is_upper(tables.partner[k])
-    x = plates.to_surface(tables.partner[k], plates.centre(i, S), tables.P)
+    x = plates.to_surface(tables.partner[k], plates.three(S, i, sphere.POSITION), tables.P)
     radius, reach, height = S[i, sphere.RADIUS], tables.D[domain.REACH], x[2] - field[height_field.MAX_HEIGHT]
     farthest, shortest = radius * (1.0 + 1.1 * MOVED) + reach, APART * (radius + reach)
     tracked = abs(x[0]) + abs(x[1]) + abs(x[2]) < FARTHEST  # a guard stops a run with others, or with NaN

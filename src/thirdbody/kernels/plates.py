@@ -167,11 +167,6 @@ def velocity(partner, P, motion):
 
 
 @njit(**BARE)
-def centre(i, S):
-    return three(S, i, sphere.POSITION)
-
-
-@njit(**BARE)
 def surface_velocity(i, S, columns, arm):
     """Return the velocity of sphere i's surface at `arm` from its centre [m/s]. `columns`: of velocity and spin."""
     v, w = columns

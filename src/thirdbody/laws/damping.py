@@ -82,21 +82,11 @@ def loses_energy(pairs: Sequence[Pair]) -> bool:
 
 
 HERTZ_DAMPING = Law(
-    name="hertz_damping",
-    stage="damping",
-    kernel=hertz_damping,
-    parameters=DampingParameters,
-    mix=mix_damping,
-    wanted=loses_energy,
+    "hertz_damping", "damping", hertz_damping, DampingParameters, mix_damping, wanted=loses_energy,
     source="Tsuji et al. 1992; Antypov and Elliott 2011; clipped restitution by Schwager and Poeschel 2007",
-)
+)  # fmt: skip
 
 TANGENTIAL_DAMPING = Law(
-    name="tangential_damping",
-    stage="tangential_damping",
-    kernel=tangential_damping,
-    parameters=DampingParameters,
-    mix=mix_tangential_damping,
-    wanted=loses_energy,
-    source="Tsuji et al. 1992: the normal dashpot's damping ratio for the tangential spring",
-)
+    "tangential_damping", "tangential_damping", tangential_damping, DampingParameters, mix_tangential_damping,
+    wanted=loses_energy, source="Tsuji et al. 1992: the normal dashpot's damping ratio for the tangential spring",
+)  # fmt: skip

@@ -148,18 +148,12 @@ def mix_coulomb(pair: Pair, options: Options) -> CoulombParameters:
 
 
 _COULOMB = Law(
-    name="coulomb",
-    stage="tangential",
-    kernel=spring_of_load,
-    parameters=CoulombParameters,
-    mix=mix_coulomb,
-    options=(
-        Option(
-            "slip_scale", "dimensionless", 1e-3, low=1e-9, high=1.0,
-            doc="slip at which the friction limit is reached, as a fraction of the contact's radius of curvature",
-        ), MEMORY, RENEWAL_OF_SPRINGS,
-    ),
-    source="Coulomb 1785, regularised as an elastic-plastic spring (Cundall and Strack 1979, stiffness following the load)",
+    "coulomb", "tangential", spring_of_load, CoulombParameters, mix_coulomb,
+    "Coulomb 1785, regularised as an elastic-plastic spring (Cundall and Strack 1979, stiffness following the load)",
+    (Option(
+        "slip_scale", "dimensionless", 1e-3, low=1e-9, high=1.0,
+        doc="slip at which the friction limit is reached, as a fraction of the contact's radius of curvature",
+    ), MEMORY, RENEWAL_OF_SPRINGS),
 )  # fmt: skip
 _ROLLING = replace(
     _COULOMB, parameters=RollingCoulombParameters,
@@ -216,14 +210,10 @@ def mix_mindlin(pair: Pair, options: Options) -> MindlinParameters:
 
 
 _MINDLIN = Law(
-    name="mindlin",
-    stage="tangential",
-    kernel=spring_of_area,
-    parameters=MindlinParameters,
-    mix=mix_mindlin,
-    options=(MEMORY, RENEWAL_OF_SPRINGS),
-    source="Mindlin 1949; loss of area: Walton and Braun 1986, Thornton and Randall 1988; memory: thirdbody.laws.memory",
-)
+    "mindlin", "tangential", spring_of_area, MindlinParameters, mix_mindlin,
+    "Mindlin 1949; loss of area: Walton and Braun 1986, Thornton and Randall 1988; memory: thirdbody.laws.memory",
+    (MEMORY, RENEWAL_OF_SPRINGS),
+)  # fmt: skip
 _ROLLING = replace(
     _MINDLIN, parameters=RollingMindlinParameters,
     mix=lambda pair, options: RollingMindlinParameters(*mix_mindlin(pair, options)[:3], _rate(pair, options)),

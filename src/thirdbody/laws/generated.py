@@ -73,10 +73,9 @@ def sources(functions: Iterable[Callable]) -> str:
             installed = {"site-packages", "dist-packages"} & {*Path(getattr(other, "__file__", None) or "").parts}
             if package in own or not (installed or package == ENGINE or package in sys.stdlib_module_names):
                 waiting.append(other)
-    digest = hashlib.sha256(reached.digest.hexdigest().encode())
     for path in sorted(files):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
+        reached.digest.update(path.read_bytes())
+    return reached.digest.hexdigest()[:16]
 
 
 class Reached:

@@ -89,14 +89,9 @@ def hertz_tangent(c, p):
 
 
 HERTZ = Law(
-    name="hertz",
-    stage="normal",
-    kernel=hertz,
-    tangent=hertz_tangent,
-    parameters=HertzParameters,
-    mix=lambda pair, options: HertzParameters(e_star(pair.a, pair.b)),
-    source="Hertz 1882; Willert, Self-consistency conditions in static three-body contact, Eq. 5",
-)
+    "hertz", "normal", hertz, HertzParameters, lambda pair, options: HertzParameters(e_star(pair.a, pair.b)),
+    "Hertz 1882; Willert, Self-consistency conditions in static three-body contact, Eq. 5", tangent=hertz_tangent,
+)  # fmt: skip
 
 
 FIRST_YIELD = 1.6

@@ -60,15 +60,12 @@ def rolling_tangent(c, turn, load, p, h):
 
 
 ROLLING_RESISTANCE = Law(
-    name="rolling_resistance",
-    stage="rolling",
-    kernel=rolling_resistance,
-    tangent=rolling_tangent,
-    parameters=RollingParameters,
-    mix=lambda pair, options: RollingParameters(
+    "rolling_resistance", "rolling", rolling_resistance, RollingParameters,
+    lambda pair, options: RollingParameters(
         options["coefficient"], STIFFNESS * 2.0 * e_star(pair.a, pair.b), 2.0 * options["damping"] * math.sqrt(INERTIA),
     ),
-    history=("moment_x", "moment_y", "stiffness"),
+    "Ai, Chen, Rotter and Ooi 2011 (type C), Powder Technology 206, 269; stiffness: Iwashita and Oda 1998",
+    tangent=rolling_tangent, history=("moment_x", "moment_y", "stiffness"),
     options=(
         Option(
             "coefficient", "dimensionless", None, low=0.0, high=1.0, pair_key="rolling_friction",
@@ -79,5 +76,4 @@ ROLLING_RESISTANCE = Law(
             doc="viscous part of the spring's moment over critical damping of a ball that rolls on a plane",
         ),
     ),
-    source="Ai, Chen, Rotter and Ooi 2011 (type C), Powder Technology 206, 269; stiffness: Iwashita and Oda 1998",
 )  # fmt: skip

@@ -258,15 +258,3 @@ def shortest_steps(many, context, time, near, tables):
             if t > 1:  # the first two are visited again in their order
                 m = result
     return max(m, 1)
-
-
-def make_tables(n_bodies, n_candidates, n_patches):
-    """Return the tables of all pieces; each allocation in a kernel would cost 0.1 s of compilation."""
-    return Tables(
-        np.empty((n_candidates, contact_stiffness.WIDTH)), np.empty(n_candidates, np.int32), np.empty((n_bodies, 2)),
-        np.zeros((n_patches, 4)), np.empty(n_bodies, np.int64), np.empty((n_bodies, 4)), np.empty((4, 6, 8)),
-    )  # fmt: skip
-
-
-def make_scratch(longest):
-    return Scratch(np.zeros((law_input.HISTORY + 1) * TILE), np.zeros(8 * TILE), np.empty(longest + 1, np.int32))

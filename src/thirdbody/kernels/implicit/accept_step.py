@@ -10,8 +10,9 @@ from thirdbody.kernels.books import normal_loss_of
 from thirdbody.kernels.contact_geometry import add_gradient_force, force_and_torques
 from thirdbody.kernels.height_field import has_heights
 from thirdbody.kernels.implicit import books
+from thirdbody.kernels.implicit.contact import product
 from thirdbody.kernels.implicit.control import step_ratio
-from thirdbody.kernels.implicit.residual import momentum_of, set_configuration
+from thirdbody.kernels.implicit.residual import inertia_of, set_configuration
 from thirdbody.kernels.implicit.workspace import FREEDOMS, STAGE, last_candidate, update_rough
 from thirdbody.kernels.plates import has_effect_columns, is_closed, is_lower, is_rough, three
 from thirdbody.kernels.step_tables import contact_sums, sphere_path, step_contacts, step_memory, step_settings, step_start
@@ -207,7 +208,7 @@ def accept_step(context, b, m, motion, common, space):
         space.sums[0, k] = 0.0
     Z[step_start.OLD_WEIGHT] = books.weight_of_old(context, b, m, dt, space)
     damped = commit(context, b, m, motion, space)
-    momentum = momentum_of(b, context)
+    momentum = product(inertia_of(b, E, context.orientations), three(B, b, body.SPIN))
     for k in range(3):
         E[b, body_extra.ANGULAR_MOMENTUM + k] = momentum[k]
         if has_effect_columns(E):

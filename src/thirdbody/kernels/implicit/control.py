@@ -85,12 +85,6 @@ def next_breakpoint(t, context, until):
 
 
 @njit(**BARE)
-def is_breakpoint(t, context, end):
-    """Return whether the interval from t to `end` ends at a breakpoint, and not only at a stop."""
-    return next_breakpoint(t, context, np.inf) <= end
-
-
-@njit(**BARE)
 def plate_velocity(t, context, dt):
     """Return the mean lateral velocity (v_x, v_y) [m/s] of the upper plate over a step."""
     schedule, first = context.schedule, context.first
@@ -107,7 +101,7 @@ def next_length(T, t, context, end):
     """Return length [s] and limiting cause (`StepLimit`) of the next step from t, at most to `end` [s]."""
     left = end - t
     dt, limit = min(T[step_memory.NEXT_DT], left), np.int64(T[step_memory.LIMIT])
-    ends = np.int64(StepLimit.REVERSAL if is_breakpoint(t, context, end) else StepLimit.OUTPUT)
+    ends = np.int64(StepLimit.REVERSAL if next_breakpoint(t, context, np.inf) <= end else StepLimit.OUTPUT)
     longest = longest_drag(context.settings, T)
     for _ in range(3):
         v_x, v_y = plate_velocity(t, context, dt)

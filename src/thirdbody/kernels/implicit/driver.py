@@ -157,7 +157,7 @@ def step(until, context, island, scratch):
     accept_island(m, motion, False, (end, whole, cuts), context, island, scratch)
     for a in range(island.n):
         T = context.memory[body_at(a, island)]
-        if whole and control.is_breakpoint(time, context, end):
+        if whole and control.next_breakpoint(time, context, np.inf) <= end:
             T[step_memory.LAST_DT], T[step_memory.JUMPED] = 0.0, 0.0  # differences across a breakpoint are invalid
         T[step_memory.LIMITED + limit] += 1.0
         control.set_next_dt(T, V[step_settings.GROWTH], dt, error, iterations <= control.EASY, cuts > 0, limit)

@@ -18,7 +18,7 @@ from thirdbody.kernels import plates
 from thirdbody.kernels.arguments import EFFECTS, LAW, Motion
 from thirdbody.kernels.bodies import BodyMotion, place_body, quaternion
 from thirdbody.kernels.contact_geometry import gather_plate_contact, padded, slip_increment, transport_frames
-from thirdbody.kernels.implicit.contact import closed_fraction, contact_force, contact_moment, contact_point, depth_at
+from thirdbody.kernels.implicit.contact import closed_fraction, contact_force, contact_moment, contact_point, depth_at, product
 from thirdbody.kernels.implicit.workspace import FREEDOMS, STAGE, body_at, call_part, last_candidate, space_at, update_rough
 from thirdbody.kernels.plates import is_upper
 from thirdbody.kernels.rolling_kinematics import gather_rolling, has_moments, has_twist
@@ -96,14 +96,6 @@ def inertia_of(b, E, orientations):
         g * g * i_x + h * h * i_y + i * i * i_z, a * d * i_x + b_ * e * i_y + c * f * i_z,
         a * g * i_x + b_ * h * i_y + c * i * i_z, d * g * i_x + e * h * i_y + f * i * i_z,
     )  # fmt: skip
-
-
-@njit(**BARE)
-def momentum_of(b, context):
-    """Return the angular momentum (3,) [kg m2/s] in world axes from spin and orientation."""
-    xx, yy, zz, xy, xz, yz = inertia_of(b, context.E, context.orientations)
-    x, y, z = plates.three(context.B, b, body.SPIN)
-    return xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
 
 
 @njit(**BARE)
@@ -233,7 +225,8 @@ def add_inertial_forces(context, b, dt, space):
     weak spring to the start position (TETHER) makes the position of a body that slides on all its contacts unique, and a
     fraction of the mass (MASS_FRACTION) limits jumps within a step."""
     p, Z, T, B, P, y, r = context.patch[b], space.start, context.memory[b], context.B, context.P, space.trial, space.residual
-    inertial, l_1 = context.settings[step_settings.INERTIAL], momentum_of(b, context)
+    inertial = context.settings[step_settings.INERTIAL]
+    l_1 = product(inertia_of(b, context.E, context.orientations), plates.three(B, b, body.SPIN))
     now, last = Z[step_start.NOW] / dt, inertial * Z[step_start.BEFORE] / dt
     tether, fraction = Z[step_start.TETHER_STIFFNESS], Z[step_start.MASS_FRACTION]
     for k in range(3):

@@ -132,7 +132,8 @@ def update_minima(stage, first, last, tables):
     while k < last:
         upper, i = is_upper(tables.partner[k]), tables.own[k]
         field = tables.upper if upper else tables.lower
-        x, radius = plates.to_surface(tables.partner[k], plates.centre(i, tables.S), tables.P), tables.S[i, sphere.RADIUS]
+        centre, radius = plates.three(tables.S, i, sphere.POSITION), tables.S[i, sphere.RADIUS]
+        x = plates.to_surface(tables.partner[k], centre, tables.P)
         if stage == STAGE.ACCEPT:
             accept_sphere(k, field, x, tables)
         elif stage == STAGE.GATHER and Q[k, surface_contact.MINIMA] != 0.0:

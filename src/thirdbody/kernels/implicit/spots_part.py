@@ -11,7 +11,7 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, POINTED, entry
 from thirdbody.kernels import plates
-from thirdbody.kernels.close_spots import NEAR, SWEEPS, add_interaction_energy, relieve, restore, solve_bodies, spots_of
+from thirdbody.kernels.close_spots import NEAR, SWEEPS, Spots, add_interaction_energy, relieve, restore, solve_bodies
 from thirdbody.kernels.implicit.contact import contact_point, cross, frame_of, scaled_sum
 from thirdbody.kernels.implicit.residual import add_force
 from thirdbody.kernels.implicit.workspace import FREEDOMS, PART, STAGE, space_at
@@ -93,7 +93,10 @@ def add_interaction(m, context, space):
 def spots_part(stage, _, a, m, motion, context, islands, scratch):
     space = space_at(a, scratch)
     if stage == STAGE.GATHER:
-        solve_bodies(m, space.slots, context, spots_of(space))
+        G, a, b = space.geometry, geometry.RELIEF * TILE, geometry.SPOT_FORCE * TILE
+        c, d = geometry.PULL * TILE, (geometry.PULL + 1) * TILE
+        spots = Spots(G[a : a + TILE], G[b : b + TILE], G[c : c + TILE], G[d : d + TILE], space.outputs)
+        solve_bodies(m, space.slots, context, spots)
     elif stage == STAGE.RELIEVE:
         relieve(m, space)
     elif stage == STAGE.RESTORE:

@@ -20,11 +20,10 @@ from numpy.typing import NDArray
 from thirdbody.kernels.memory import pieces
 from thirdbody.kernels.tile import TILE, law_input, law_output, rolling_input, rolling_output
 from thirdbody.laws.compose import compose
-from thirdbody.laws.contract import Law, Material, Option, Pair, kernel
-from thirdbody.laws.data import Normal
+from thirdbody.laws.contract import Law, Material, Option, Pair
 from thirdbody.laws.friction import MINDLIN
 from thirdbody.laws.generated import plain
-from thirdbody.laws.hertz import HERTZ, HertzParameters
+from thirdbody.laws.hertz import HERTZ
 
 Array = NDArray[np.float64]
 Result = tuple[bool, str]  # whether a test has passed, and a detail: the worst case, or what is wrong
@@ -54,31 +53,6 @@ TYPICAL = {
     "density": 2000.0, "stiffness": 1e3, "damping": 1e-6, "energy": 1e-12, "torque": 1e-11, "viscosity": 1e-3,
 }  # fmt: skip
 """Value in SI for an option without a default, by its dimension; 0.1 for any other."""
-
-
-SLOPE = 20.0  # contact radius over overlap of the cone
-
-
-@kernel
-def cone(c, p):
-    """N = E* a d with a = SLOPE d, stored energy N d/3 (Sneddon 1965); pressure: the mean one, as that of the tip is infinite."""
-    a = SLOPE * c.overlap
-    force = p.e_star * a * c.overlap
-    return Normal(force, a, force * c.overlap / 3.0, 0.0, p.e_star / (math.pi * SLOPE), 2.0 * SLOPE * a)
-
-
-@kernel
-def cone_tangent(c, p):
-    """dN/dd = 2 E* a [N/m]."""
-    return 2.0 * p.e_star * SLOPE * c.overlap
-
-
-CONE = Law(
-    "cone", "normal", cone, HertzParameters, HERTZ.mix, "Sneddon 1965, International Journal of Engineering Science 3, 47",
-    tangent=cone_tangent,
-)  # fmt: skip
-"""A blunt cone, whose contact radius grows as the overlap: a law that takes the contact area from the normal law (`Load`) is
-right under it too; one that assumes a sphere is not."""
 
 
 class Setting(NamedTuple):
@@ -233,6 +207,7 @@ class Bench:
 
 
 COMPILER_IS_OFF = plain(HERTZ.kernel) is HERTZ.kernel  # whether numba is disabled and all functions run in the interpreter
+PATHS = 1 if COMPILER_IS_OFF else REPEATS  # of each setting: thousands in all, fewer in the interpreter
 
 
 class ContactPath(NamedTuple):
@@ -295,38 +270,3 @@ def random_paths(bench: Bench, corners: int, repeats: int = 1, resolved: bool = 
     line = np.stack([np.cos(angle), np.sin(angle)], 1)
     on_line = np.sum(slip * line, 2, keepdims=True) * line
     return ContactPath(overlap, np.where(rng.random((tiles, 1, TILE)) < 0.3, on_line, slip))
-
-
-def closed_cycles(bench: Bench) -> ContactPath:
-    """Press, shear, change the overlap, shear back, return: with less overlap (C1) or more (C2) on the return. There the form F =
-    k_t(d) xi creates the energy (k_1 - k_0) U^2/2 (Elata and Berryman 1996)."""
-    tiles = len(bench.settings)
-    rng = np.random.default_rng(SEED + 1)
-    high = bench.radius[:tiles] * 10.0 ** rng.uniform(-4.0, -2.0, (tiles, TILE))
-    low = 0.4 * high
-    overlaps, shallow = (low, low, high, high, low), (high, high, low, low, high)
-    overlap = np.where(np.arange(TILE) % 2 == 0, np.array(overlaps), np.array(shallow))
-    shear = np.minimum(bench.friction[:tiles], 1.0) * high * 10.0 ** rng.uniform(-1.5, 0.5, high.shape)
-    slip = np.zeros((5, tiles, 2, TILE))
-    slip[1:3, :, 0] = shear
-    return ContactPath(overlap, slip)
-
-
-def extremes(bench: Bench, count: int) -> list[Inputs]:
-    """Successive contacts, with every quantity drawn from zero, ordinary and absurd values."""
-    rng = np.random.default_rng(SEED + 2)
-    tiles = len(bench.settings)
-    lanes, wide, radius = (tiles, TILE), (tiles, 2, TILE), bench.radius[:tiles]
-    overlaps = np.array([0.0, 0.0, 1e-15, 1e-9, 1e-6, 1e-3, 0.1, 1.0, 10.0])
-    slips = np.array([0.0, 0.0, 1e-18, 1e-12, 1e-6, 1e-3, 1.0, 1e6])
-    fast = np.array([0.0, 0.0, 1e-12, 1e-3, 1.0, 1e4])
-
-    def signed(values: Array, shape: tuple[int, ...]) -> Array:
-        return rng.choice(values, shape) * rng.choice([-1.0, 1.0], shape)
-
-    return [
-        Inputs(
-            radius * rng.choice(overlaps, lanes), radius[:, None] * signed(slips, wide), signed(fast, lanes), signed(fast, wide)
-        )
-        for _ in range(count)
-    ]

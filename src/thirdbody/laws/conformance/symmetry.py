@@ -8,17 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from thirdbody.kernels.tile import TILE, law_output
-from thirdbody.laws.conformance.bench import (
-    COMPILER_IS_OFF,
-    Array,
-    Bench,
-    ContactPath,
-    Inputs,
-    Result,
-    extremes,
-    follow_path,
-    random_paths,
-)
+from thirdbody.laws.conformance.bench import COMPILER_IS_OFF, Array, Bench, ContactPath, Inputs, Result, follow_path, random_paths
 
 ROUND_OFF = 1e-12  # relative difference due to a few thousand round-offs of double precision
 ROTATED = 1e-9  # the same for a rotated path: a cosine per step, amplified by friction's return by the trial over the limit
@@ -30,6 +20,26 @@ FORCES = [
 TANGENTIAL = slice(law_output.TANGENTIAL_X, law_output.TANGENTIAL_Y + 1)
 ENERGIES = (law_output.STORED_NORMAL, law_output.STORED_TANGENTIAL, law_output.DISSIPATED, law_output.FRICTION_LOSS)
 NAMES = {column.first: column.name for column in law_output}
+
+
+def extremes(bench: Bench, count: int) -> list[Inputs]:
+    """Successive contacts, with every quantity drawn from zero, ordinary and absurd values."""
+    rng = np.random.default_rng(20240503)
+    tiles = len(bench.settings)
+    lanes, wide, radius = (tiles, TILE), (tiles, 2, TILE), bench.radius[:tiles]
+    overlaps = np.array([0.0, 0.0, 1e-15, 1e-9, 1e-6, 1e-3, 0.1, 1.0, 10.0])
+    slips = np.array([0.0, 0.0, 1e-18, 1e-12, 1e-6, 1e-3, 1.0, 1e6])
+    fast = np.array([0.0, 0.0, 1e-12, 1e-3, 1.0, 1e4])
+
+    def signed(values: Array, shape: tuple[int, ...]) -> Array:
+        return rng.choice(values, shape) * rng.choice([-1.0, 1.0], shape)
+
+    return [
+        Inputs(
+            radius * rng.choice(overlaps, lanes), radius[:, None] * signed(slips, wide), signed(fast, lanes), signed(fast, wide)
+        )
+        for _ in range(count)
+    ]
 
 
 def finite(bench: Bench) -> Result:
