@@ -61,7 +61,6 @@ they exchange, a millionth of what a loaded body exchanges."""
 
 
 def causes(memory: Array) -> Array:
-    """Return the number of steps of each body limited by each cause: a view of these columns."""
     return memory[:, step_memory.LIMITED : step_memory.LIMITED + len(CAUSES)]
 
 
@@ -108,7 +107,6 @@ def created_fractions(totals: Array, stored: Array, whole: Array) -> tuple[Array
 
 
 def body_energies(state: State, stored: Array) -> Array:
-    """Return kinetic energy of each body and its free patch plus elastic energy `stored`, all (n,) [J]."""
     B, E, P = state.B, state.E, state.P[state.patch]
     kinetic = B[:, body.MASS] * np.sum(B[:, body.VELOCITY3] ** 2, axis=1)
     kinetic += np.sum(E[:, body_extra.ANGULAR_MOMENTUM3] * B[:, body.SPIN3], axis=1)

@@ -46,7 +46,6 @@ class AllRows:
         return self.H[:, columns][closed]
 
     def records(self, closed: Ints, *columns: Any) -> list[Array]:
-        """Return columns of the records of closed candidates, an array for each column or slice of them."""
         return [self.R[:, each][closed] for each in columns]
 
 
@@ -142,7 +141,6 @@ class Candidates:
 
     @property
     def H(self) -> Array:
-        """Histories, a row for each candidate: a copy where only closed contacts have rows."""
         return self.rows.H
 
     @property

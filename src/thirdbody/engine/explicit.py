@@ -18,11 +18,11 @@ from thirdbody.errors import GuardStop
 from thirdbody.jit.arguments import Packer, address
 from thirdbody.jit.threads import ThreadTuner, allowed_threads, distribute, helpers, pieces_of, words_of
 from thirdbody.kernels import bodies as body_pass
-from thirdbody.kernels.arguments import KINDS, WORK, Context
+from thirdbody.kernels.arguments import KINDS, RUN_GROUPS, Context
 from thirdbody.kernels.explicit import contact_forces as contact_pass
 from thirdbody.kernels.explicit import critical_time_step as limits
 from thirdbody.kernels.explicit import step_loop
-from thirdbody.kernels.explicit.passes import work
+from thirdbody.kernels.explicit.passes import run_groups
 from thirdbody.kernels.minima import UPDATE, update
 from thirdbody.kernels.step_tables import body_force, chunk_motion, contact_stiffness, contact_sums, drift_scratch
 from thirdbody.kernels.tables import domain, loaded_contact, patch, run_totals, sphere
@@ -34,9 +34,9 @@ BUDGET = 64
 
 CALL = 1.0  # largest wall time [s] of a compiled call: signals are handled only between calls
 
-GROWTH, PATIENCE = 1.25, 16
+GROWTH, MIN_BOUNDS = 1.25, 16
 """The automatic step follows its bound down at once. It grows at once to a bound that is larger by GROWTH, and to a smaller one
-only after PATIENCE bounds in a row that allow more: an oscillating step loses energy."""
+only after MIN_BOUNDS bounds in a row that allow more: an oscillating step loses energy."""
 
 
 class Explicit:
@@ -69,12 +69,11 @@ class Explicit:
         self.ledgers = np.zeros((groups, run_totals.WIDTH))
         self.constant = constant_arguments(state, self.drag) | {
             "X0": state.X0, "A": state.A, "ledgers": self.ledgers, "announced": self.announced, "jumps": int(state.physics.jumps),
-            "stride": state.physics.stride, "work": address(work, WORK),
+            "stride": state.physics.stride, "run_groups": address(run_groups, RUN_GROUPS),
             "update_surfaces": address(update, UPDATE) if state.world.rough else 0,
         }  # fmt: skip
 
     def start(self) -> None:
-        """Run the first search, evaluate the forces at time zero, and choose the first time step."""
         search(self.state)
         self._tables()
         # those that bound the time step; None: the present candidates
@@ -130,7 +129,6 @@ class Explicit:
         self._scratch(allowed_threads())
 
     def _scratch(self, threads: int) -> None:
-        """Allocate workspace for every part of a pass: the kernels allocate no arrays."""
         slots, physics, parts = self.state.slots, self.state.physics, step_loop.PARTS_PER_THREAD * threads
         chunks = slots.cuts.shape[1] - 1
         ends = np.minimum(np.arange(0, chunks + contact_pass.GROUP, contact_pass.GROUP), chunks)
@@ -212,7 +210,7 @@ class Explicit:
             self.waiting.clear()
             return allowed
         self.waiting.append(allowed)
-        if len(self.waiting) < PATIENCE:
+        if len(self.waiting) < MIN_BOUNDS:
             return now
         minimum = min(self.waiting)
         self.waiting.clear()
@@ -266,7 +264,7 @@ DAMPING_FRACTION = 0.7
 contact, add up on one body. Such a mode is overdamped: an oscillation at the step itself loses 40 % in each step, so a margin to
 the limit is enough."""
 
-FEWEST = 4096  # candidates, or bodies, that one thread alone examines as fast as two: some 0.2 ms
+MIN_CANDIDATES = 4096  # candidates, or bodies, that one thread alone examines as fast as two: some 0.2 ms
 
 
 @dataclass(frozen=True)
@@ -320,7 +318,7 @@ def _contact_bounds(
     )  # fmt: skip
     ahead = limits.Horizon(horizon, max_overlap, float(drag[0]), float(drag[1]))
     # contacts with plates in one piece: those of a patch are summed in their order
-    flat, pairs = [(0, slots.n_plates)], pieces_of(slots.n_plates, slots.count, FEWEST)
+    flat, pairs = [(0, slots.n_plates)], pieces_of(slots.n_plates, slots.count, MIN_CANDIDATES)
     longest = max(last - first for first, last in flat + pairs)
 
     def stiffness_worker() -> Callable[[tuple[int, int]], None]:
@@ -334,7 +332,7 @@ def _contact_bounds(
     distribute(flat, stiffness_worker)
     distribute(pairs, stiffness_worker)
     many = state.n_bodies if slots.count else 0
-    distribute(pieces_of(0, many, FEWEST), bound_worker)
+    distribute(pieces_of(0, many, MIN_CANDIDATES), bound_worker)
     near = np.empty(slots.max_per_body + 1, np.int32)
     result = limits.shortest_steps(many, context, ahead.time, near, tables)
     return tables.number[:result], tables.bodies[:result], tables.patches

@@ -1,10 +1,9 @@
 """Implicit integrator (BDF2, backward-Euler starts) of islands of bodies.
 
-A body between the plates is a small problem with six coordinates and the height of its patch. Solved with the tangents of the
-laws, it needs no steps that resolve elastic waves: steps are as long as the motion allows, and their number does not depend on
-the speed of the drag. Bodies that could meet form islands, which are solved as one system (`engine.meeting`); without contact
-between bodies each is an island of its own. Between two outputs islands are independent, with individual time steps, unless all
-bodies carry one plate (`engine.common_plate`). Results are bit-identical for any number of threads.
+Solved with the tangents of the laws, a body between the plates needs no steps that resolve elastic waves: steps are as long as
+the motion allows. Bodies that could meet form islands, which are solved as one system (`engine.meeting`). Between two outputs
+islands are independent, with individual time steps, unless all bodies carry one plate (`engine.common_plate`). Results are
+bit-identical for any number of threads.
 """
 
 import math
@@ -189,7 +188,6 @@ class Implicit:
             update_measures(self.state)
 
     def _waiting(self, first: int, last: int, until: float) -> int:
-        """Return the number of bodies in islands `order[first:last]` that go on and have not reached a time [s]."""
         codes, times = self.memory[:, step_memory.CODE], self.totals[:, run_totals.TIME]
         if not self.meeting:
             return int(np.count_nonzero((codes[first:last] == Stop.NONE) & (times[first:last] < until)))
@@ -288,7 +286,6 @@ class Implicit:
         )
 
     def summary(self) -> dict[str, Any]:
-        """Return the entries of the run summary about the integration; steps are counted per body."""
         steps, T, state = self.totals[:, run_totals.STEPS], self.memory, self.state
         total = max(float(steps.sum()), 1.0)
         lost = np.flatnonzero(T[:, step_memory.CODE] == Stop.UNSOLVED)

@@ -156,7 +156,6 @@ class ExpectedIslands(NamedTuple):
 
 
 def island_stride(state: State) -> float:
-    """Return the drag [m] between two searches for islands; infinite where bodies do not meet."""
     return STRIDE * float(state.spheres.radius.min()) if state.world.debris_meets else math.inf
 
 

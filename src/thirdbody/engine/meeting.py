@@ -61,7 +61,6 @@ class Meeting:
         return sooner if len(search_pairs(one.state, MARGIN * one.stride)[0]) else until
 
     def advance_to(self, until: float, watch: Action, between: Action) -> None:
-        """Advance all islands to a time [s], until none has missed a contact."""
         one = self.integrator
         if not np.any(self._going & (one.totals[:, run_totals.TIME] < until)):
             return  # the run was stopped after this stride
@@ -112,7 +111,6 @@ class Meeting:
         one.paths[spheres] = np.column_stack((np.zeros(len(here)), here, here))
 
     def _connect(self) -> None:
-        """Find the islands. Raises GuardStop where one of them is too large to pay."""
         one = self.integrator
         slots = one.state.slots
         one.max_per_body = max(one.max_per_body, slots.max_per_body)

@@ -99,7 +99,6 @@ def _between_groups(owner_body: Ints, partner_body: Ints, n_bodies: int) -> tupl
 
 
 def _carried_rows(state: State, n_plates: int, own: Numbers, partner: Numbers, recorded: bool) -> tuple[Array, Array]:
-    """Return H and R of new candidates, with the rows of those that were candidates before."""
     old, n = state.slots, len(own)
     H, R = table(n, old.H.shape[1]), table(n if recorded or state.physics.labels else 0, old.R.shape[1])
     for source, target in ((old.H, H), (old.R, R))[: 1 + recorded]:
@@ -117,7 +116,7 @@ def _carry(part: tuple[int, int], own: Numbers, partner: Numbers, target: Array,
             first = old.first + int(np.searchsorted(owners, own[piece[0]]))
             passes.carry_history(passes.CandidateRows(*piece, own, partner, target), old._replace(first=first))
 
-    distribute(pieces_of(*part, passes.FEWEST), lambda: carry)
+    distribute(pieces_of(*part, passes.MIN_SPHERES), lambda: carry)
 
 
 def _pairs_within(
@@ -158,7 +157,6 @@ def grid(state: State, skin: float) -> passes.Grid:
 
 
 def kinds_of(state: State, own: Numbers, partner: Numbers) -> Numbers:
-    """Return the row of the table of material pairs for each candidate (n,)."""
     if state.physics.kinds.size == 1:
         return np.full(len(own), state.physics.kinds.item(), np.int32)
     material = state.material[state.body]

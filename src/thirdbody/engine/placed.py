@@ -53,14 +53,14 @@ class Placed:
         return np.concatenate(given)
 
 
-FEWEST = BODIES * GROUP  # number of bodies up to which all form one group and keep their order
+ONE_GROUP = BODIES * GROUP  # number of bodies up to which all form one group and keep their order
 WIDTH = 1.25  # width of a column of the grid over the mean diameter of the bodies
 
 
 def in_columns(positions: Array, diameter: float) -> Ints:
     """Return a spatial order (n,) of bodies of a mean `diameter` [m]: columns of a square grid follow a Morton curve, which keeps
     neighbouring columns close (Morton 1966); upwards in each column."""
-    if len(positions) <= FEWEST:
+    if len(positions) <= ONE_GROUP:
         return np.arange(len(positions))
     cells = np.floor((positions[:, :2] - positions[:, :2].min(axis=0)) / (WIDTH * diameter)).astype(np.int64)
     curve = _interleave_zeros(cells[:, 0]) | _interleave_zeros(cells[:, 1]) << 1

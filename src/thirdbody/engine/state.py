@@ -212,12 +212,10 @@ class State:
 
     @property
     def time(self) -> float:
-        """Time since the start [s]."""
         return float(self.A[run_totals.TIME])
 
     @property
     def distance(self) -> float:
-        """Path length [m] of the upper plate relative to the lower one since the start."""
         return float(self.A[run_totals.DISTANCE])
 
 
@@ -290,7 +288,6 @@ def rayleigh_times(state: State, materials: Sequence[Material]) -> Array:
 
 
 def angular_momentum(B: Array, E: Array, orientations: Array) -> Array:
-    """Return the angular momenta (n, 3) [kg m2/s] in world axes."""
     q = orientations[:, orientation.QUATERNION4]
     return to_world(q, to_body(q, B[:, body.SPIN3]) * E[:, body_extra.INERTIA3])
 

@@ -297,7 +297,6 @@ class DirectContact:
         return self.prefactor * math.exp(-gap / self.length)
 
     def gap(self, load: float) -> float:
-        """Return the mean gap [m] at which direct contact alone carries a load [N]."""
         return self.length * math.log(self.prefactor / load)
 
 

@@ -135,8 +135,6 @@ def make_unpacker(unpacked: Unpacked) -> Any:
 
 
 def make_view(unpacked: Unpacked) -> Any:
-    """Return a function for kernels that takes packed arguments for others that begin with the same fields."""
-
     @_intrinsic
     def function(typing: Any, given: Any) -> Any:
         return unpacked(given), lambda context, builder, sig, args: args[0]
@@ -145,7 +143,6 @@ def make_view(unpacked: Unpacked) -> Any:
 
 
 def table_at(context: Any, builder: Any, kind: Any, data: Any, *lengths: Any) -> Any:
-    """Return the contiguous table at a pointer, without reference counting."""
     model, size = context.data_model_manager[kind], _LONG(as_dtype(kind.dtype).itemsize)
     strides: list[Any] = []
     step = size

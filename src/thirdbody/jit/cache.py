@@ -132,7 +132,6 @@ def _parent() -> Path:
 
 
 def _usable(path: Path) -> bool:
-    """Return whether the folder is this user's, can be created and written, and closed to all others."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.mkdir(mode=0o700, exist_ok=True)
@@ -209,7 +208,6 @@ def _is_ours(path: Path) -> bool:
 
 
 def _prune(parent: Path) -> None:
-    """Delete all folders with our mark but those used last. One deleted meanwhile by another process is no error."""
     used = {}
     for path in parent.iterdir():
         with suppress(OSError):
@@ -228,7 +226,6 @@ def _digest_of(path: str) -> bytes:
 
 
 def _is_whole(path: str) -> bool:
-    """Return whether a file can be read and ends with the digest of all bytes before it."""
     try:
         content = memoryview(Path(path).read_bytes())
     except OSError:

@@ -1,11 +1,10 @@
 """Shorter intermediate code for what our kernels do most: tables, loops over a range, calls.
 
-For every access to one number of a table numba copies the table's header, all of its lengths and strides, into memory and leaves
-it to LLVM to find that none of it was needed: fifty lines instead of eight. It also stores every variable that several blocks use
-in memory, counts the passes of a loop in advance, in ninety lines instead of eight, and tests after each call whether an
-exception was raised. Here an access is written out, a variable with one definition that precedes all its uses remains a value, a
-loop compares its variable, and functions that cannot raise are not tested. The machine code does the same arithmetic in the same
-order, so no bit of a result depends on this; with the shorter pipeline (`numba_pipeline`) compilation takes half the time.
+For every access to one number of a table numba copies the table's header into memory and leaves it to LLVM to find that none of
+it was needed: fifty lines instead of eight. It also stores every variable that several blocks use in memory, counts the passes of
+a loop in advance, and tests after each call whether an exception was raised. Here an access is written out, a variable with one
+definition that precedes all its uses remains a value, a loop compares its variable, and functions that cannot raise are not
+tested. The machine code does the same arithmetic in the same order; with `numba_pipeline` compilation takes half the time.
 """
 
 from collections import Counter
@@ -26,8 +25,6 @@ _silent: set[str] = set()  # names of functions compiled here that return no err
 
 
 class _Builder(llvm.IRBuilder):  # type: ignore[misc]
-    """IR builder that finds the members of aggregates assembled in the same function."""
-
     def extract_value(self, agg: Any, idx: Any, name: str = "") -> Any:
         path = tuple(idx) if isinstance(idx, tuple | list) else (idx,)
         if len(path) == 1:

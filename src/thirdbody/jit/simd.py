@@ -160,7 +160,6 @@ def broadcast(builder: Any, x: Any) -> Any:
 
 @code(four(*[types.float64] * LANES))
 def set4(builder: Any, *numbers: Any) -> Any:
-    """Return the vector of four numbers (x, y, z, w)."""
     v = ir.Constant(_VECTOR, ir.Undefined)
     for k in range(LANES):
         v = builder.insert_element(v, numbers[k], _SPLIT(k))
@@ -266,7 +265,6 @@ def compress_store(builder: Any, pointer: Any, k: Any, bits: Any) -> Any:
 
 @code(types.UniTuple(four, LANES)(four, four, four, four))
 def transpose(builder: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
-    """Return rows as columns: the first numbers of a, b, c and d, the second ones, and so on."""
     low, high = _shuffle(builder, a, b, [0, 4, 1, 5]), _shuffle(builder, a, b, [2, 6, 3, 7])
     low_2, high_2 = _shuffle(builder, c, d, [0, 4, 1, 5]), _shuffle(builder, c, d, [2, 6, 3, 7])
     columns = [

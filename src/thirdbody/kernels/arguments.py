@@ -119,7 +119,7 @@ KINDS: Kinds = {
     # numbers, and addresses of functions
     **dict.fromkeys(("field_begin", "field_size", "rolling", "force", "moment", "twist"), _I),
     **dict.fromkeys(("stored", "dashpots", "loss_column", "jumps"), _I),
-    **dict.fromkeys(("has_effects", "stride", "labels", "law", "effects", "observe", "observe_bodies", "work"), _I),
+    **dict.fromkeys(("has_effects", "stride", "labels", "law", "effects", "observe", "observe_bodies", "run_groups"), _I),
     "update_surfaces": _I,
     # measures: columns of a contact (0: none), address, parameters
     "measured": _I, "measure": _I, "measure_parameters": _ROW,
@@ -140,7 +140,7 @@ observed_of, as_observed = make_unpacker(OBSERVED_TYPE), make_view(OBSERVED_TYPE
 OBSERVE_BODIES = types.void(_I, _I, OBSERVED_TYPE, _ROW, _I, _ROW, _TABLE)
 """observe_bodies(first, last, observed, totals, address of the labeller's function, scratch: row of a body, its contacts)"""
 
-WORK = types.void(_I, _I, _I, _I, STEP, _I1)  # work(pass, part, first group, last group + 1, step, the packed `Context`)
+RUN_GROUPS = types.void(_I, _I, _I, _I, STEP, _I1)  # (pass, part, first group, last group + 1, step, the packed `Context`)
 
 EARLY, SWEEP, LATE, OBSERVATION = range(4)
 """Passes of a step. The sweep goes through its groups once and does all that a group needs; with several parts, bodies that

@@ -1,14 +1,9 @@
-"""Positions and velocities of spheres from those of their bodies, and checks of bodies.
+"""Positions and velocities of spheres from those of their bodies, and checks of bodies, in chunks of fixed size.
 
-Bodies are processed in chunks of fixed size, so that sums over them have the same bits for any number of threads.
-
-Orientation of single-sphere bodies: no force depends on it, so it is integrated by a quadrature over several steps.
-
-The rotation in a block of `STEPS` steps is their length times the sum of the spins in the middle of each. Instead of all of them
-four are taken, with weights for which the sum is exact where a spin is a cubic polynomial in time (Gauss' idea, for sums). The
-spin of a contact of 40 steps, a half wave, is summed to 1e-4 of it; what a sphere does at constant spin is exact.
-
-What a stop in the middle of a block lacks is added to what it shows (`rotate_behind`), and not stored: stops change no bit.
+Orientation of single-sphere bodies: no force depends on it, so it is integrated by a quadrature over several steps. The rotation
+in a block of `STEPS` steps is their length times the sum of the spins in the middle of each. Instead of all of them four are
+taken, with weights for which the sum is exact where a spin is a cubic polynomial in time (Gauss' idea, for sums). What a stop in
+the middle of a block lacks is added to what it shows (`rotate_behind`), and not stored: stops change no bit.
 """
 
 import math
@@ -71,7 +66,6 @@ def is_aliased(S):
 
 @njit(**BARE)
 def arm_to_sphere(s, S):
-    """Return the vector from its body's centre of mass to the centre of sphere s [m]."""
     return broadcast(0.0) if is_aliased(S) else load(S, s, sphere.ARM)
 
 
@@ -98,7 +92,6 @@ def place_body(b, start, offsets, S, motion, dt):
 
 @njit(**BARE_CHUNK)
 def spin_body(b, B, E, orientations):
-    """Update the angular velocity of body b from its angular momentum; for a single sphere the reverse."""
     if B[b, body.SPHERE_INERTIA] != 0.0:
         store_three(E, b, np.int64(body_extra.ANGULAR_MOMENTUM), broadcast(B[b, body.SPHERE_INERTIA]) * load(B, b, body.SPIN))
     else:
@@ -148,7 +141,6 @@ def limits_of(D):
 
 @njit(**BARE)
 def largest_displacement(X0, B, E, orientations):
-    """Return an upper bound of the displacement of any point of a body since the last search [m]."""
     largest = 0.0
     for b in range(B.shape[0]):
         x = B[b, body.POSITION] - X0[b, search_pose.POSITION]

@@ -1,19 +1,14 @@
 """Dissipation by friction and dashpots of contacts in a step of velocity Verlet.
 
-A law books the work of the force at the end of the step, as the implicit integrator applies it. Bodies that move by velocity
-Verlet exchange the work of the mean of the forces at both ends: where a force jumps within a step (a contact that closes, opens
-or reverses while it slides) the two differ by half the jump times the slip, an error of first order. So here friction dissipates
-the work of the mean force less the change of the energy in the springs. A step in which that is negative creates energy: it
-counts as zero, and the energy remains visible as residual.
+A law books the work of the force at the end of the step. Bodies that move by velocity Verlet exchange the work of the mean of the
+forces at both ends: where a force jumps within a step, an error of first order. So here friction dissipates the work of the mean
+force less the change of the energy in the springs. A step in which that is negative creates energy: it counts as zero, and the
+energy remains visible as residual. Only laws whose force (or moment) is in their history can be booked so.
 
-Only laws whose force (or moment) is in their history can be booked so; for others their own booking holds. The forces of the
-dashpots follow the history of the laws, and dashpots dissipate the work of their mean force. Where a contact reverses within a
-step, that is negative by the order of the cube of the step; where the step is unstable, it is negative and large. It counts as
-zero, too: else the energy that such a step creates would be hidden from the guard.
+Dashpots dissipate the work of the mean of their forces, which follow the history of the laws; negative work counts as zero, too:
+else the energy that an unstable step creates would be hidden from the guard.
 
-Losses of normal laws, per body: plastic flow, necks. The history has what the law has dissipated since the contact closed.
-
-Kernels run only where `context.loss_column`, the column of the history, is not negative.
+Losses of normal laws, per body: the history has what the law has dissipated since the contact closed, in `context.loss_column`.
 """
 
 import numpy as np
@@ -49,7 +44,6 @@ def number_of(bits):
 
 @njit(**BARE)
 def pack_triple(x, y, z):
-    """Return one number that packs three: their common power of two, and 17 bits of each."""
     power = bits_of(max(max(abs(x), abs(y)), max(abs(z), SMALLEST)) * ROUNDING) & POWER
     fraction = number_of((2046 << 52) - power)  # one over the power of two
     a, b, c = bits_of(x * fraction + ROUND) & FIELD, bits_of(y * fraction + ROUND) & FIELD, bits_of(z * fraction + ROUND) & FIELD
@@ -63,7 +57,6 @@ def one_of(bits, power):
 
 @njit(**BARE)
 def unpack_triple(one):
-    """Return the three numbers that one packs; zeros of zero."""
     bits = bits_of(one)
     power = number_of(bits & POWER)
     return one_of(bits >> 34, power), one_of(bits >> 17, power), one_of(bits, power)
@@ -71,7 +64,6 @@ def unpack_triple(one):
 
 @njit(**BARE)
 def normal_loss_of(q, column, tile):
-    """Return the loss of contact q in the step [J]; `column` of the history."""
     return tile.outputs[(law_output.HISTORY + column) * TILE + q] - tile.inputs[(law_input.HISTORY + column) * TILE + q]
 
 
@@ -157,7 +149,6 @@ def has_dashpot_moments(context):
 
 @njit(**BARE)
 def separation_rate(q, G):
-    """Return the relative velocities along the normals, of the step, at elements q to q + 3 [m/s]."""
     n, v = q + geometry.MID_NORMAL * TILE, q + geometry.MID_VELOCITY * TILE
     x, y, z = get(G, n), get(G, n + TILE), get(G, n + 2 * TILE)
     return get(G, v) * x + get(G, v + TILE) * y + get(G, v + 2 * TILE) * z
@@ -198,7 +189,6 @@ def book_dashpots(n, dt, context, tile):
 
 @njit(**BARE)
 def book_opened_dashpots(n, dt, context, tile):
-    """Return the energy that the dashpots of n contacts dissipated in the step in which they opened [J]."""
     O, behind = tile.outputs, law_output.HISTORY + context.n_history  # noqa: E741
     for q in range(n):
         for h in range(rolling_output.VISCOUS_NORMAL, rolling_output.VISCOUS_MOMENT_Y + 1):

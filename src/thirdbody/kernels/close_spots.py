@@ -5,22 +5,18 @@ overlap d_i only d_i - sum_j g_ij N_j presses on the spot itself:
 
     N_i = K_i (d_i - sum_j g_ij N_j)^(3/2),      K_i = 4/3 E* R_i^(1/2) of Hertz
 
-All spots of a body on a side are solved at once. The energy is the sum of the springs, U_i(d_i - relief_i), and of the pairs,
-1/2 sum_i N_i relief_i, with the relief sum_j g_ij N_j. Its derivative by d_i is N_i, as without interaction, and by g_ij is
--N_i N_j: where the distance of two spots changes, as the body turns, a force N_i N_j g/r along the plate draws them together. It
-acts on the centres of the spheres. Contacts, laws and history are those of the relieved overlap; arms are those of the whole one.
-
-The equations are those of a minimum of a convex function of the forces. Spots nearer than NEAR of the smaller radius count as at
-that distance: their contact areas touch, if not more, and are no points for each other. With the contact radius
-a = (R (d - relief))^(1/2) of each spot, N = Q a^3, Q = K/R:
+The energy is the sum of the springs, U_i(d_i - relief_i), and of the pairs, 1/2 sum_i N_i relief_i, with the relief
+sum_j g_ij N_j. Its derivative by d_i is N_i, as without interaction, and by g_ij is -N_i N_j: as the distance of two spots
+changes, a force N_i N_j g/r along the plate draws them together, at the centres of the spheres. Contacts, laws and history are
+those of the relieved overlap; arms are those of the whole one. Spots nearer than NEAR of the smaller radius count as at that
+distance. With the contact radius a = (R (d - relief))^(1/2) of each spot, N = Q a^3, Q = K/R:
 
     a_i^2 + R_i sum_j g_ij Q_j a_j^3 = R_i d_i
 
-Two and three spots are solved by Newton's method from a start that is right to the second order in relief over overlap: two steps
-reach rounding at ten contact radii, three at three. They wait in lanes until there are enough for the processor's vectors: an
-explicit step of clumps takes 1.2 to 1.3 times as long as without the effect, 1.5 one by one, 2.5 by sweeps. More spots, and those
-of which one is relieved wholly, are solved by sweeps that minimise the convex energy by one force after the other, which converge
-from any start. Nothing is kept from step to step: forces are a function of the positions alone.
+Two and three spots are solved by Newton's method from a start that is right to the second order in relief over overlap. They wait
+in lanes until there are enough for the processor's vectors: an explicit step of clumps takes 1.2 to 1.3 times as long as without
+the effect, 1.5 one by one, 2.5 by sweeps. More spots, and those of which one is relieved wholly, are solved by sweeps that
+minimise the convex energy by one force after the other. Nothing is kept from step to step.
 """
 
 import math
@@ -115,7 +111,6 @@ def finish(a, force, relief, pull, W, spots):
 
 @njit(**BARE)
 def lone_force(a, W):
-    """Return Hertz' force of the spot in row a [N]."""
     square = max(W[a + spot.SQUARE], 0.0)
     return W[a + spot.FACTOR] * math.sqrt(square) * square
 
@@ -230,7 +225,7 @@ def solve_lanes(L):
 
 @njit(**BARE_CHUNK)
 def finish_lanes(count, L, W, G, spots):
-    """Solve the groups in lanes 0 to `count` and write their results; by sweeps where Newton's method did not converge."""
+    """Solve the groups in lanes 0 to `count`; by sweeps where Newton's method did not converge."""
     solve_lanes(L)
     for t in range(count):
         first, n = int(L[t + lane.ROW * LANES]), int(L[t + lane.COUNT * LANES])

@@ -8,12 +8,10 @@ A local minimum of f = (p - c)^2/2 is a zero of
 (G: metric, H: second derivatives of h). With M = F^-1 it moves with the centre by dp = M (t.dc); all derivatives follow.
 Distance and normal are those along c - p. On a field of zeros they are exactly the height of c and (0, 0, 1).
 
-All local minima of the distance between a point and a height field within some reach: where a sphere can touch it.
-
-Cells are visited from blocks to smaller blocks, along the curve of Morton; a block is left out where its highest point is out of
-reach, and a cell where the derivative of the distance is larger at its centre than can vanish within it. In each of the others
-Newton's method goes downhill from its centre, and from those of its quarters where the surface is sharper than the reach allows
-for one minimum per cell.
+All minima within some reach are found from blocks of cells to smaller blocks, along the curve of Morton; a block is left out
+where its highest point is out of reach, and a cell where the derivative of the distance cannot vanish. In each of the others
+Newton's method goes downhill from its centre, and from those of its quarters where the surface is sharper than one minimum per
+cell allows.
 """
 
 import math
@@ -167,7 +165,7 @@ def ratio_derivatives(jet, radius):
 
 @njit(**BARE)
 def bent_jet(field, centre, foot):
-    """Return the jet at the closest point of a centre (3,) [m] with second derivatives that are smooth (`rounded_jet`)."""
+    """Return the jet at a closest point with second derivatives that are smooth (`rounded_jet`)."""
     x, y = within_period(centre[0], field[head.LENGTH_X]) + foot.x, within_period(centre[1], field[head.LENGTH_Y]) + foot.y
     return rounded_jet(field, foot.jet, x, y)
 
@@ -243,7 +241,6 @@ def can_vanish(field, centre, o_x, o_y, half, reach):
 
 @njit(**BARE_CHUNK)
 def search_cell(field, centre, o_x, o_y, reach, minima, n):
-    """Insert the minima downhill from the four quarters of the cell around an offset; return the new n."""
     d_x, d_y = 1.0 / field[head.RATE_X], 1.0 / field[head.RATE_Y]
     half, merge = 0.5 * math.sqrt(d_x * d_x + d_y * d_y), MERGE * min(d_x, d_y)
     if not can_vanish(field, centre, o_x, o_y, half, reach):

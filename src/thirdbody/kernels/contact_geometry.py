@@ -33,7 +33,7 @@ LIGHT = 16
 
 @njit(**BARE)
 def padded(n, n_history):
-    """Return the number of elements of a tile that a pass over n contacts with this number of history columns computes."""
+    """Return the number of elements of a tile that a pass over n contacts computes."""
     return n + (-n % simd.VECTOR if n_history <= LIGHT else 0)
 
 
@@ -91,7 +91,6 @@ def four_rows_of(i, c, S):
 
 @njit(**BARE)
 def put_three(G, at, v):
-    """Write the first three of a tuple of vectors into as many fields, the first of them at `at`."""
     put(G, at, v[0])
     put(G, at + TILE, v[1])
     put(G, at + 2 * TILE, v[2])
@@ -109,20 +108,17 @@ def row_differences(a, b):
 
 @njit(**BARE)
 def with_last_column(a, c):
-    """Return the first three columns of the rows a, and the last one of the rows c."""
     return transpose(with_last(a[0], c[0]), with_last(a[1], c[1]), with_last(a[2], c[2]), with_last(a[3], c[3]))
 
 
 @njit(**BARE)
 def gather_spins(q, a, b, r_i, r_j, G):
-    """Write sums of the spins a of owners and b of partners from element q on, unscaled and times the radii."""
     put_three(G, q + geometry.MID_SPIN * TILE, (a[0] + b[0], a[1] + b[1], a[2] + b[2]))
     put_three(G, q + geometry.MID_RIM * TILE, (r_i * a[0] + r_j * b[0], r_i * a[1] + r_j * b[1], r_i * a[2] + r_j * b[2]))
 
 
 @njit(**BARE)
 def gather_history(q, k, context, tile):
-    """Load the histories of the four candidates k into the elements from q on, without fields."""
     I, G, H, kind = tile.inputs, tile.geometry, context.H, context.kind  # noqa: E741
     axes = columns(four_rows_of(k, np.int64(contact_state.AXIS), H))  # and the slip, 0 if open
     put_three(G, q + geometry.AXIS * TILE, axes)
@@ -233,7 +229,6 @@ def transport_frames(n, dt, tile):
 
 @njit(**BARE)
 def relative_velocity(q, at, normal, I, G):  # noqa: E741
-    """Return the relative velocity of the surfaces [m/s]. `at`, `normal`: offset of the velocities, field of the normal."""
     half = 0.5 * I[q + law_input.OVERLAP * TILE]
     x, y, z = read_vector(G, q + normal * TILE)
     v_x, v_y, v_z = read_vector(G, q + at + geometry.MID_VELOCITY * TILE)
@@ -261,7 +256,6 @@ def slip_increment(n, dt, tile):
 
 @njit(**BARE_CHUNK)
 def force_and_torques(n, tile):
-    """Compute the forces of n contacts on the owners and the torques about both centres, in world axes."""
     I, O, G = tile.inputs, tile.outputs, tile.geometry  # noqa: E741
     for q in range(n):
         f_n, t_1, t_2 = read_vector(O, q + law_output.NORMAL_FORCE * TILE)  # and the tangential force

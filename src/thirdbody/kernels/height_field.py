@@ -60,7 +60,6 @@ def across(w, rows):
 
 @njit(**BARE)
 def cell_of(x, rate, count):
-    """Return the cell of a coordinate and where in it, in [0, 1). `rate`: cells per metre."""
     u = x * rate
     whole = math.floor(u)
     i = np.int64(whole)
@@ -71,19 +70,16 @@ def cell_of(x, rate, count):
 
 @njit(**BARE)
 def within_period(x, length):
-    """Return the coordinate of the same point in the first period."""
     return x - length * math.floor(x / length)
 
 
 @njit(**BARE)
 def has_heights(field):
-    """Return whether a surface is not a plane."""
     return field.shape[0] > 0 and field[head.MAX_HEIGHT] > field[head.MIN_HEIGHT]
 
 
 @njit(**BARE)
 def jet_at(field, x, y):
-    """Return height and derivatives at a point (x, y) [m] (`Jet`)."""
     n_x, n_y = field[head.COUNT_X], field[head.COUNT_Y]
     rate_x, rate_y = field[head.RATE_X], field[head.RATE_Y]
     (i, t_x), (j, t_y) = cell_of(x, rate_x, n_x), cell_of(y, rate_y, n_y)

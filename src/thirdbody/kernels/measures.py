@@ -51,7 +51,6 @@ def call_measure(k, done, context):
 
 @njit(**BARE)
 def measure_opened(k, lost, context):
-    """Add what candidate k dissipated in the step in which it opened: `lost` [J]."""
     plate = 1.0 if is_plate(context.partner[k]) else 0.0
     call_measure(k, ContactStep(0.0, 0.0, 0.0, 0.0, 0.0, lost, 0.0, 0.0, 0.0, 0.0, plate), context)
 

@@ -26,7 +26,6 @@ def load_field(q, k, context, tile):
 
 @njit(**BARE)
 def spring_energy(k, context):
-    """Return the energy of the tangential and rolling springs of candidate k [J]; 0 if the laws have none."""
     return context.H[k, contact_state.LAW + context.stored] if context.stored >= 0 else 0.0
 
 
@@ -54,7 +53,6 @@ def store_one(k, q, axis, first, context, tile):
 
 @njit(**BARE_CHUNK)
 def store_around_field(q, k, context, tile):
-    """Store the history of candidate k from the fifth number on, where one of the laws has a field."""
     H, O, begin, size = context.H, tile.outputs, context.field_begin, context.field_size  # noqa: E741
     at = (law_output.HISTORY + begin) * TILE + q * size
     for f in range(size):
@@ -124,7 +122,6 @@ def compact(n, p, first, H, R, closed):
 
 @njit(**BARE_CHUNK)
 def keep(low, high, p, closed, new):
-    """Copy rows `low` to `high` - 1 of a body that is not advanced, from row p on; return the row after them."""
     for k in range(low, high):
         new.on[p] = closed.on[k]
         copy_row(closed.H, closed.R, k, new.H, new.R, p)

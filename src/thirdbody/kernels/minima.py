@@ -1,13 +1,10 @@
 """Contacts of spheres with rough plates: the local minima of the distance, each in a row of its own as long as it exists.
 
-In every step each minimum follows its sphere (`closest_point.closest`). When a sphere has moved by a small part of its radius
-relative to the plate, all minima within reach are searched for: rows that are minima keep their place, new minima get the free
-rows in the order of their distance, rows that are none end. A sphere that does not touch is searched for before a new minimum can
-come within its reach. Where it touches and hollows may be sharper than itself, a minimum can begin with an overlap, and the later
-it is found, the deeper it lies then: such a sphere is searched for much more often. All of this depends on the path of the sphere
-alone, not on other bodies, on threads or on outputs.
-
-Update of the contacts with rough plates: called through a pointer, so that scenes with flat plates do not compile it.
+In every step each minimum follows its sphere. When a sphere has moved by a small part of its radius relative to the plate, all
+minima within reach are searched for: new ones get the free rows in the order of their distance, rows that are none end. Where it
+touches and hollows may be sharper than itself, a minimum can begin with an overlap: such a sphere is searched for much more
+often. All of this depends on the path of the sphere alone. Called through a pointer, so that scenes with flat plates do not
+compile it.
 """
 
 import math
@@ -90,7 +87,6 @@ def end_minimum(k, row, shortest, Q):
 
 @njit(**BARE)
 def reset_ended(k, Q):
-    """Reset the rows whose minima ended in the last update; note them for the last step of their contacts (`compact_rough`)."""
     noted = np.int64(Q[k, surface_contact.ENDED])
     if noted != 0:
         ended = noted & ((1 << BASINS) - 1)
@@ -102,7 +98,6 @@ def reset_ended(k, Q):
 
 @njit(**BARE)
 def write_normal(k, normal, upper, Q):
-    """Write a normal in the coordinates of a plate into row k, in world axes: the upper plate looks down."""
     n_x, n_y, n_z = normal
     Q[k, surface_contact.NORMAL], Q[k, surface_contact.NORMAL + 1] = n_x, n_y
     Q[k, surface_contact.NORMAL + 2] = -n_z if upper else n_z

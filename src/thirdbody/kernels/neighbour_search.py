@@ -62,7 +62,6 @@ def plate_candidates(S, P, spheres, patch_of, limits, own, partner):
 
 @njit(**BARE)
 def cell_of(x, low, size, count, periodic):
-    """Return the cell number along one axis: wrapped if periodic, else clipped to the range."""
     c = np.int64(np.floor((x - low) / size))
     return c % count if periodic else min(max(c, 0), count - 1)
 
@@ -162,7 +161,6 @@ def order_by_owner(pairs, at, own, partner):
 
 @entry(types.void(_I, _I, _S1, _S1), nogil=True, **DIRECT, **NO_COUNTS)
 def order_partners(first, last, at, partner):
-    """Sort the partners of each of the owners first to last - 1; `at`: as `order_by_owner` leaves it."""
     begin = np.int64(at[first - 1] if first > 0 else 0)
     for i in range(first, last):
         end = np.int64(at[i])
@@ -175,7 +173,7 @@ def order_partners(first, last, at, partner):
         begin = end
 
 
-FEWEST = 4096  # spheres that one thread alone searches as fast as two: some 0.5 ms
+MIN_SPHERES = 4096  # spheres that one thread alone searches as fast as two: some 0.5 ms
 
 
 def pair_candidates(S, spheres, skin, grid, n, own, partner):
@@ -199,13 +197,13 @@ def pair_candidates(S, spheres, skin, grid, n, own, partner):
 
         return collect_piece
 
-    distribute(pieces_of(0, columns, max(1, FEWEST * columns // max(many, 1))), worker)
+    distribute(pieces_of(0, columns, max(1, MIN_SPHERES * columns // max(many, 1))), worker)
     pairs = np.concatenate([pairs_of[first] for first in sorted(pairs_of)], axis=1)
     m = n + pairs.shape[1]
     if m <= len(own):
         at = np.zeros(many + 1, np.int32)
         order_by_owner(pairs, at, own[n:m], partner[n:m])
-        distribute(pieces_of(0, many, FEWEST), lambda: lambda piece: order_partners(*piece, at, partner[n:m]))
+        distribute(pieces_of(0, many, MIN_SPHERES), lambda: lambda piece: order_partners(*piece, at, partner[n:m]))
     return m
 
 
@@ -237,7 +235,6 @@ def incidences(n, own, partner, n_spheres):
 
 @entry(types.void(_I, _S1, _S1, _S1, _S1, _S1), **DIRECT, **NO_COUNTS)
 def list_slots(n, own, partner, edges, at, incidence):
-    """Fill the tables of `incidences`; `edges`: zero at first, `at`: scratch."""
     for k in range(n):
         edges[own[k] + 1] += 1
         if is_sphere(partner[k]):

@@ -60,7 +60,6 @@ def order_on_sphere(partner):
 
 @njit(**BARE)
 def kind_of(k, context):
-    """Return the row of the table of material pairs for candidate k: the only one where no list of them is given."""
     return np.int64(context.kind[k]) if context.kind.shape[0] > 0 else np.int64(0)
 
 
@@ -110,7 +109,6 @@ def plane_overlap(k, context):
 
 @njit(**BARE)
 def surface_overlap(k, context):
-    """Return the overlap of candidate k with its rough first body [m]; <= 0 if apart, -inf in a basin without a minimum."""
     return context.S[context.own[k], sphere.RADIUS] - context.Q[k, surface_contact.DISTANCE]
 
 
@@ -126,7 +124,6 @@ def three(Q, k, column):
 
 @njit(**BARE)
 def normal(k, context):
-    """Return the unit normal from the first body of candidate k to its sphere."""
     if is_rough(context):
         return three(context.Q, k, surface_contact.NORMAL)
     return 0.0, 0.0, -1.0 if is_upper(context.partner[k]) else 1.0
@@ -168,7 +165,6 @@ def velocity(partner, P, motion):
 
 @njit(**BARE)
 def surface_velocity(i, S, columns, arm):
-    """Return the velocity of sphere i's surface at `arm` from its centre [m/s]. `columns`: of velocity and spin."""
     v, w = columns
     (o_x, o_y, o_z), (r_x, r_y, r_z) = three(S, i, w), arm
     return S[i, v] + o_y * r_z - o_z * r_y, S[i, v + 1] + o_z * r_x - o_x * r_z, S[i, v + 2] + o_x * r_y - o_y * r_x
@@ -181,7 +177,6 @@ def partner_velocity(j, context, columns, arm, motion):
 
 @njit(**BARE)
 def direct_force(P, p):
-    """Return the upward force of direct contact on patch p, or on the common plate [N]; 0 where there is none."""
     if P[p, patch.DIRECT_PREFACTOR] == 0.0:
         return 0.0
     return P[p, patch.DIRECT_PREFACTOR] * math.exp(-P[p, patch.HEIGHT] / P[p, patch.DIRECT_LENGTH])

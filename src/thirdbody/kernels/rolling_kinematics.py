@@ -1,12 +1,8 @@
-"""Kinematics and moments of rolling contacts, and travel of the contact area.
-
-Only in scenes with a law that needs them: a pass over a tile before the law and, for moments, one after it, so that the loop of
-all other scenes is unaffected.
+"""Kinematics and moments of rolling contacts, and travel of the contact area; only in scenes with a law that needs them.
 
 The relative rotation of the step is in the contact's plane, in the transported frame. It is conjugate to the moment: the work of
-the pair (M on the owner, -M on the partner) is M . (w_i - w_j) dt, zero for two bodies that rotate as one. A plate does not
-rotate. The part about the normal goes to laws of the twisting stage only: with the normal of the middle of the step, so that its
-work is exact to second order.
+the pair (M on the owner, -M on the partner) is M . (w_i - w_j) dt. A plate does not rotate. The part about the normal goes to
+laws of the twisting stage only: with the normal of the middle of the step, so that its work is exact to second order.
 """
 
 import numpy as np
@@ -47,7 +43,6 @@ def relative_spin(S, i, j, column):
 
 @njit(**BARE)
 def component(q, field, v, G):
-    """Return the component of a vector along the unit vector in a field of the tile at contact q."""
     x, y, z = read_vector(G, q + field * TILE)
     return v[0] * x + v[1] * y + v[2] * z
 
@@ -87,7 +82,6 @@ def gather_rolling(q, k, context, motion, tile):
 
 @njit(**BARE)
 def add_moments(n, context, tile):
-    """Add the moments of n contacts to the torques: M on the owner's body, -M on the partner's."""
     O, G = tile.outputs, tile.geometry  # noqa: E741
     for q in range(n):
         at = (law_output.HISTORY + context.n_history) * TILE + q

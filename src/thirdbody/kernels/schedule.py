@@ -31,7 +31,6 @@ POLYNOMIAL, SINE, TRIANGLE = range(3)
 
 @njit(**BARE)
 def segment(schedule, first, axis, t):
-    """Return the row valid at time t, or -1 before the first."""
     low, high = first[axis] - 1, first[axis + 1] - 1
     while low < high:
         middle = (low + high + 1) // 2

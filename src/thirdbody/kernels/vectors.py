@@ -32,7 +32,6 @@ def _to_body(w, x, y, z, v):
 
 @njit(**BARE)
 def spin(q, angular_momentum, inertia):
-    """Return the angular velocity of a body [rad/s] from its angular momentum, both in world axes."""
     a, b, c, d, e, f, g, h, i = matrix(q[0], q[1], q[2], q[3])
     l_x, l_y, l_z = _to_body(q[0], q[1], q[2], q[3], angular_momentum)
     p_x, p_y, p_z = l_x / inertia[0], l_y / inertia[1], l_z / inertia[2]
@@ -83,7 +82,6 @@ def rotate_small(q, r):
 
 @njit(**BARE)
 def rotate(q, x, y, z):
-    """Return q after a rotation by the vector (x, y, z), world axes, exactly."""
     size = math.sqrt(x * x + y * y + z * z)
     # sin(size/2)/size, without loss of digits at zero
     s = 0.5 * (1.0 - size * size / 24.0) if size < 1e-4 else math.sin(0.5 * size) / size

@@ -4,13 +4,11 @@ m x'' + K x^1.5 + alpha sqrt(m K) x^0.25 x' = 0 (Tsuji et al. 1992). With y = x^
 oscillator (Antypov and Elliott 2011), so the restitution of the *clipped* contact, which cannot pull, is the linear one of
 Schwager and Poeschel 2007, and alpha(e) follows from it by bisection.
 
-The coefficient is alpha sqrt((2/3) m k_n) with the stiffness k_n = 2 E* a of any circular elastic contact, so the law needs the
-contact radius only. Under another elastic force d^p the restitution is independent of speed, too, and the damping ratio is
-sqrt(5 p/(3 p + 3)) times that of Hertz: 1.05 for a cone, p = 2.
+The coefficient is alpha sqrt((2/3) m k_n) with the stiffness k_n = 2 E* a of any circular elastic contact. Under another elastic
+force d^p the restitution is independent of speed, too, and the damping ratio is sqrt(5 p/(3 p + 3)) times that of Hertz.
 
-The tangential dashpot adds its force to that of the spring, and the sum is returned to the friction limit (the nearest point of
-the circle): so it always dissipates, and the force of a contact that slides changes steadily as its motion turns. The spring
-keeps the limit; LAMMPS and LIGGGHTS leave it what the dashpot leaves.
+The tangential dashpot adds its force to that of the spring, and the sum is returned to the friction limit: so it always
+dissipates. The spring keeps the limit; LAMMPS and LIGGGHTS leave it what the dashpot leaves.
 """
 
 import math

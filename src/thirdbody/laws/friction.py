@@ -204,7 +204,6 @@ def renewal_of_area(load, p, _elastic):
 
 
 def mix_mindlin(pair: Pair, options: Options) -> MindlinParameters:
-    """Return G*, friction, kappa = mu E*/G* (Willert, Eqs. 13, 14), and the kind of memory."""
     g = g_star(pair.a, pair.b)
     return MindlinParameters(g, pair.friction, pair.friction * e_star(pair.a, pair.b) / g, retained_energy(options))
 

@@ -157,7 +157,6 @@ class Reached:
 
 
 def _names_in(code: CodeType) -> frozenset[str]:
-    """Return the names of globals and attributes used by code, including functions within it."""
     inner = [_names_in(constant) for constant in code.co_consts if isinstance(constant, CodeType)]
     return frozenset(code.co_names).union(*inner)
 
@@ -183,8 +182,6 @@ def as_kernel(kernel: Any) -> Any:
 
 
 def calling_kernels(function: FunctionType) -> FunctionType:
-    """Return a copy of a Python function that calls, instead of compiled functions, their `as_kernel`."""
-
     def inner(value: Any) -> Any:
         return as_kernel(value) if isinstance(value, Dispatcher) else value
 

@@ -105,7 +105,6 @@ def installed_interaction(name: str) -> SpotInteraction:
 
 
 def load_module(path: Path) -> ModuleType:
-    """Import the module of a plug-in file, once. Raises UsageError if it cannot be read or fails."""
     if not os.path.isfile(path):  # unlike Path.is_file, False for a name that is too long
         raise UsageError(f"plug-in {path}: no such file")
     digest = hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:8]

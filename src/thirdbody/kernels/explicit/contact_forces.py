@@ -53,7 +53,6 @@ def add_force(row, forces, force, torque):
 
 @njit(**BARE)
 def scatter_plate_force(k, c, context, force, torque):
-    """Apply a contact with a plate to its body; `torque`: about the centre of the sphere [N m]."""
     i, sums, shift = np.uint64(context.own[k]), context.sums, np.int64(context.force_rows[c >> 1])
     b = np.uint64(context.body[i])
     add_force(b + np.uint64(shift), context.forces, force, torque + cross(arm_to_sphere(i, context.S), force))
@@ -83,7 +82,6 @@ def scatter_pair_force(k, shift, context, force, torque, back):
 
 @njit(**BARE)
 def four_rows(at, G, last):
-    """Return three fields of four contacts as four rows, each followed by its element of `last`."""
     return transpose(get(G, at), get(G, at + TILE), get(G, at + 2 * TILE), last)
 
 
@@ -185,7 +183,6 @@ def write_record(q, k, context, motion, tile):
 
 @njit(**BARE_CHUNK)
 def gather_tile(n, slots, flat, context, motion, box, tile):
-    """Gather contacts slots[:n] into a tile. `flat`: all are with plates."""
     if flat:
         for q in range(n):
             contact_geometry.gather_plate_contact(q, slots[q], context, motion, tile)

@@ -145,7 +145,6 @@ def find_contacts(n, first, context, horizon, stiffness, scratch, tables):
 
 @njit(**BARE_CHUNK)
 def assemble(b, context, near, tables):
-    """Return the sums of stiffness and damping over the contacts of body b (`stiffness_matrix.add_stiffness`)."""
     own, partner, edges, incidence, S = context.own, context.partner, context.edges, context.incidence, context.S
     row_of, stiffnesses = tables.row_of, tables.stiffnesses
     z, m = broadcast(0.0), np.int64(0)
@@ -213,7 +212,6 @@ def find_stiffnesses(first, last, context, horizon, stiffness, scratch, tables):
 
 @entry(types.void(_I, _I, ASSEMBLY, _S1, TABLES), nogil=True, **DIRECT, **NO_COUNTS)
 def bound_bodies(first, last, context, near, tables):
-    """Write lower bounds of the steps of bodies first to last - 1 into `tables.minimum`. `near`: scratch."""
     B, E, minimum = context.B, context.E, tables.minimum
     for b in range(first, last):
         K, C = assemble(b, context, near, tables)

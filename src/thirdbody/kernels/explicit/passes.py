@@ -17,7 +17,7 @@ from thirdbody.jit.arguments import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, POINTED, entry
 from thirdbody.jit.simd import broadcast, broadcast_lane, extract, load, set4, store, with_last
 from thirdbody.kernels import arguments, bodies
-from thirdbody.kernels.arguments import EARLY, LATE, OBSERVATION, SWEEP, WORK, as_observed, context_of
+from thirdbody.kernels.arguments import EARLY, LATE, OBSERVATION, RUN_GROUPS, SWEEP, as_observed, context_of
 from thirdbody.kernels.bodies import BODIES, REMOTE, WITH_PLATE, WITH_SPHERE, is_aliased, spin_body, vector
 from thirdbody.kernels.explicit.contact_forces import GROUP, add_force, contact_forces
 from thirdbody.kernels.plates import is_rough
@@ -177,7 +177,6 @@ def scatter_body(p, b, context, step, scratch):
 
 @njit(**BARE_CHUNK)
 def drift_bodies(c, context, step, scratch, listed):
-    """Drift the bodies of chunk c and place their spheres. `listed`: numbers of those with several."""
     start, S, B, D, moves = context.start, context.S, context.B, context.D, context.moves
     longest, ratio, number, bad, out = 0.0, 0.0, np.int64(0), np.int64(0), np.int64(0)
     balls = 0.0, 0.0, broadcast(0.0), broadcast(np.inf), broadcast(-np.inf)
@@ -311,8 +310,8 @@ def drift_groups(task, group, alone, part, context, step):
                         E[np.uint64(context.body[context.own[k]]), body_extra.UPPER_PUSH] = 0.0
 
 
-@entry(WORK, **POINTED, **NO_COUNTS)
-def work(task, part, begin, end, step, packed):
+@entry(RUN_GROUPS, **POINTED, **NO_COUNTS)
+def run_groups(task, part, begin, end, step, packed):
     """Run one pass of a step over groups begin to end; one call for all, since calling through a pointer costs 1.4 us."""
     context = context_of(packed)
     B, forces, none, scratch = context.B, context.forces, broadcast(0.0), context.scratch[part]

@@ -12,7 +12,7 @@ from thirdbody.jit.arguments import PACKED, function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS, entry
 from thirdbody.jit.simd import broadcast, extract, load
 from thirdbody.jit.threads import DISMISSED, DONE, close_pass, count_up, load_word, next_part, open_pass, wait_again
-from thirdbody.kernels.arguments import EARLY, LATE, OBSERVATION, WORK, Step, context_of
+from thirdbody.kernels.arguments import EARLY, LATE, OBSERVATION, RUN_GROUPS, Step, context_of
 from thirdbody.kernels.bodies import BODIES, STEPS, largest_displacement, weight_of
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.explicit.passes import closing_kick
@@ -176,7 +176,6 @@ def book_step(A, begin, end, powers, context, step):
 
 @njit(**BARE)
 def guard(D, sums, moves):
-    """Return (code, number) of the first guard that trips, or (Stop.DONE, -1)."""
     for g in range(moves.shape[0]):
         if moves[g, chunk_motion.BAD_BODY] > 0.0:
             return Stop.BAD_BODY, np.int64(moves[g, chunk_motion.BAD_BODY]) - 1
@@ -212,7 +211,7 @@ def rebuild_needed(context, patch_path):
     return skin_exhausted(A[run_totals.MAX_DISPLACEMENT], distance, patch_path, skin)
 
 
-work_at = function_at(WORK)
+run_groups_at = function_at(RUN_GROUPS)
 
 _I, _F = types.int64, types.float64
 ADVANCE = types.Tuple((_I, _I))(_I, _F, _F, _F, _I, PACKED)
@@ -225,14 +224,14 @@ def parts_of(groups, threads):
 
 
 @njit(**BARE)
-def run_part(part, parts, task, step, context, packed, work):
+def run_part(part, parts, task, step, context, packed, run_groups):
     groups = np.int64(context.lowest.shape[0])
-    work(task, part, part * groups // parts, (part + 1) * groups // parts, step, packed)
+    run_groups(task, part, part * groups // parts, (part + 1) * groups // parts, step, packed)
     count_up(context.team, DONE)
 
 
 @njit(**BARE_CHUNK)
-def run_pass(parts, task, threads, step, context, packed, work):
+def run_pass(parts, task, threads, step, context, packed, run_groups):
     """Run one pass of a step in so many parts, on all threads; `help_out` reads which pass it is."""
     announced = context.announced
     announced[0], announced[1], announced[2] = task, step.number, step.record
@@ -241,7 +240,7 @@ def run_pass(parts, task, threads, step, context, packed, work):
     open_pass(context.team, threads)
     part = next_part(context.team, np.int64(0), threads, parts)
     while part >= 0:
-        run_part(part, parts, task, step, context, packed, work)
+        run_part(part, parts, task, step, context, packed, run_groups)
         part = next_part(context.team, np.int64(0), threads, parts)
     close_pass(context.team, parts)
 
@@ -250,7 +249,8 @@ def run_pass(parts, task, threads, step, context, packed, work):
 def help_out(member, threads, packed):
     """Take part in the passes of `advance` as one of its threads, until it is dismissed."""
     context = context_of(packed)
-    work, parts, attempts = work_at(context.work), parts_of(np.int64(context.lowest.shape[0]), threads), np.int64(0)
+    run_groups, attempts = run_groups_at(context.run_groups), np.int64(0)
+    parts = parts_of(np.int64(context.lowest.shape[0]), threads)
     a = context.announced
     while load_word(context.team, DISMISSED) == 0:
         part = next_part(context.team, member, threads, parts)
@@ -258,7 +258,7 @@ def help_out(member, threads, packed):
             attempts = wait_again(attempts)
         else:
             step = Step(np.int64(a[1]), a[2] != 0.0, a[3], a[4], a[5], a[6], a[7], a[8])
-            run_part(part, parts, np.int64(a[0]), step, context, packed, work)
+            run_part(part, parts, np.int64(a[0]), step, context, packed, run_groups)
             attempts = np.int64(0)
 
 
@@ -268,7 +268,7 @@ def advance(budget, until, distance, dt, threads, packed):
     the code, and the candidate or body that a guard names, or whether a search is due; RECORD before a step that reaches its
     target, if there is no table for its records. State is synchronised on return."""
     context = context_of(packed)
-    A, schedule, first, work = context.A, context.schedule, context.first, work_at(context.work)
+    A, schedule, first, run_groups = context.A, context.schedule, context.first, run_groups_at(context.run_groups)
     groups = context.lowest.shape[0]
     parts = parts_of(groups, threads)
     whole = parts == 1 or context.remote_body.shape[0] == 0
@@ -293,9 +293,9 @@ def advance(budget, until, distance, dt, threads, packed):
             if (task == OBSERVATION and not sampled) or (whole and (task == EARLY or task == LATE)):
                 continue
             if parts == 1:
-                work(np.int64(task), np.int64(0), np.int64(0), np.int64(groups), step, packed)
+                run_groups(np.int64(task), np.int64(0), np.int64(0), np.int64(groups), step, packed)
             else:
-                run_pass(np.int64(parts), np.int64(task), threads, step, context, packed, work)
+                run_pass(np.int64(parts), np.int64(task), threads, step, context, packed, run_groups)
         pending = 0.0 if step.record or context.has_effects != 0 else 1.0
         if sampled:
             A[run_totals.ELAPSED], A[run_totals.SHIFT_X], A[run_totals.SHIFT_Y] = 0.0, 0.0, 0.0

@@ -202,7 +202,6 @@ def reject_step(context, b, space):
 
 @njit(**BARE)
 def accept_step(context, b, m, motion, common, space):
-    """Accept the step of the body to `space.y`: store history, records, energy and step data; `common`: see `update_ledger`."""
     Z, T, B, E, dt = space.start, context.memory[b], context.B, context.E, motion.dt
     for k in range(contact_sums.WIDTH):
         space.sums[0, k] = 0.0

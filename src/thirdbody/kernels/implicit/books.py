@@ -1,13 +1,11 @@
 """Work of the contacts of a step, with plates and between bodies: its error, what they dissipated, their histories and records.
 
-A step uses the forces at its end. What bodies exchange is, to second order, the work of the mean of the forces at both ends: for
-dashpots as for friction (`kernels.books`). Where forces jump (`smooth` is false, `weight_of_old`) and without inertia, whose
-steps all begin at rest, it is the work of the force at the end. The forces of dashpots are kept in the history, as in explicit
-steps. Called through pointers, so that plates and pairs are compiled without.
+A step uses the forces at its end. What bodies exchange is, to second order, the work of the mean of the forces at both ends
+(`kernels.books`); where forces jump (`smooth` is false, `weight_of_old`) and without inertia, that of the force at the end.
+Called through pointers, so that plates and pairs are compiled without.
 
-A rolling body dissipates only while load passes from one contact to the next: over some nanometres, with work far below that of
-a sliding body and too small to show in the position error. Step lengths are therefore also controlled by an error of the friction
-work.
+A rolling body dissipates only while load passes from one contact to the next: too little to show in the position error. Step
+lengths are therefore also controlled by an error of the friction work.
 """
 
 import math
@@ -98,7 +96,6 @@ def opening_work(k, before, contact, u, context, dt):
 
 @njit(**BARE)
 def stored_energy(k, context):
-    """Return the elastic energy of candidate k at its last record [J]; 0 where it was open."""
     return context.R[k, record.STORED_NORMAL] + context.R[k, record.STORED_TANGENTIAL] if is_closed(k, context.H) else 0.0
 
 

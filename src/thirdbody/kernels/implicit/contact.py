@@ -63,7 +63,6 @@ def scaled_sum(x, a, y, b, z, c):
 
 @njit(**BARE)
 def product(tensor, v):
-    """Return the product of a symmetric tensor (xx, yy, zz, xy, xz, yz) and a vector."""
     xx, yy, zz, xy, xz, yz = tensor
     x, y, z = v
     return xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
@@ -71,7 +70,6 @@ def product(tensor, v):
 
 @njit(**BARE)
 def depth_at(q, context, I):  # noqa: E741
-    """Return overlap plus reach of contact q [m]: laws act where it is positive."""
     return I[law_input.OVERLAP * TILE + q] + context.D[domain.REACH]
 
 
@@ -101,7 +99,6 @@ def contact_force(q, tile):
 
 @njit(**BARE)
 def contact_point(q, i, S, G):
-    """Return the point of contact q, of sphere i, from the centre of mass (3,) [m]."""
     n, a = vector_at(q, geometry.NORMAL, G), G[q + geometry.ARM * TILE]
     return S[i, sphere.ARM] - a * n[0], S[i, sphere.ARM + 1] - a * n[1], S[i, sphere.ARM + 2] - a * n[2]
 
@@ -136,7 +133,7 @@ class Side(NamedTuple):
     arm: float  # distance of the contact point from the centre of the sphere [m]
 
 
-class Contact(NamedTuple):
+class ContactOfSides(NamedTuple):
     """A contact: forces and geometry at the end of the step, and tangents."""
 
     owner: Side
@@ -180,7 +177,7 @@ def contact_of(q, before, dt, sides, shape, context, tile):
         fraction * K[at], fraction * K[at + TILE], fraction * K[at + 2 * TILE], fraction * K[at + 3 * TILE],
         K[at + 4 * TILE], K[at + 5 * TILE],
     )  # fmt: skip
-    return Contact(
+    return ContactOfSides(
         sides[0], sides[1], frame, contact_force(q, tile), contact_moment(q, context, tile) if moments else NOWHERE, displacement,
         (K[contact_tangent.NORMAL * TILE + q], xx, xy, yx, yy, xd, yd), rolling if moments else ZERO_TENSOR,
         (fraction * K[of_twist], K[of_twist + TILE]) if has_twist(context) else (0.0, 0.0), shape[0],
@@ -195,7 +192,7 @@ def owner_side(q, i, row, scale, S, G):
 
 @njit(**BARE)
 def plate_contact(q, b, dt, shape, context, space):
-    """Return contact q of body b, with a plate, as a `Contact` of the equations of this body alone; `shape`: see `contact_of`."""
+    """Return contact q of body b, with a plate, in the equations of this body alone; `shape`: see `contact_of`."""
     k = space.slots[q]
     owner = owner_side(q, context.own[k], np.int64(0), 1.0, context.S, space.geometry)
     sides = owner, Side(-1, 6 if is_upper(context.partner[k]) else -1, 1.0, NOWHERE, NOWHERE, 0.0)

@@ -86,7 +86,6 @@ def next_breakpoint(t, context, until):
 
 @njit(**BARE)
 def plate_velocity(t, context, dt):
-    """Return the mean lateral velocity (v_x, v_y) [m/s] of the upper plate over a step."""
     schedule, first = context.schedule, context.first
     return mean_rate(schedule, first, np.int64(X), t, dt), mean_rate(schedule, first, np.int64(Y), t, dt)
 

@@ -1,16 +1,12 @@
 """BDF2 steps of islands: advanced to a time by individual steps, from one body to many; and of ensembles.
 
-A step that Newton's method or the error estimate rejects is shortened; step lengths grow again afterwards. The error is relative
-to the radius of the largest contact: steps are short where a contact starts to slip or a body tips, and long where it slides or
-rolls on. No step crosses a breakpoint of the prescribed motion. BDF2 damps modes faster than the step, as backward Euler does,
-and is of second order: at 1 m/s, where inertia governs sliding, the same error takes a tenth of the steps.
+A step that Newton's method or the error estimate rejects is shortened; step lengths grow again afterwards. No step crosses a
+breakpoint of the prescribed motion. BDF2 damps modes faster than the step, as backward Euler does, and is of second order. Each
+body of an island keeps its own BDF2 weights; the step is that of the body that needs the shortest one.
 
-Each body of an island keeps its own BDF2 weights, so an island can form from bodies whose last steps differ. The step is that of
-the body that needs the shortest one.
-
-In an ensemble a body has rows for all its candidates, and for its spheres, only while it is advanced. Between two calls there are
-rows of closed contacts only, of a batch of bodies one after the other. The rows of one body stay in the first cache until its
-closed ones are written back.
+In an ensemble a body has rows for all its candidates, and for its spheres, only while it is advanced; else rows of closed
+contacts, of a batch of bodies one after the other. The rows of one body stay in the first cache until its closed ones are written
+back.
 """
 
 import math
@@ -27,7 +23,7 @@ from thirdbody.kernels.bodies import place_as_it_is
 from thirdbody.kernels.implicit import books, control, workspace
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
 from thirdbody.kernels.implicit.control import Stop
-from thirdbody.kernels.implicit.newton import Outcome, solve_island
+from thirdbody.kernels.implicit.newton import NewtonOutcome, solve_island
 from thirdbody.kernels.implicit.residual import MAX_ROTATION, measure_arm, save_start
 from thirdbody.kernels.implicit.workspace import ADVANCE, KINDS, STAGE, ImplicitContext, body_at, call_part, context_of, space_at
 from thirdbody.kernels.memory import CLOSED, compact, expand, keep
@@ -56,7 +52,6 @@ def common_length(context, island, time, end):
 
 @njit(**BARE)
 def begin_steps(motion, context, island, scratch):
-    """Set the weights of a step of all bodies and the loads of their patches at its end, and predict the end."""
     P, rows, first, dt = context.P, context.schedule, context.first, motion.dt
     driven, loaded = first[schedule.GAP + 1] > first[schedule.GAP], first[schedule.LOAD + 1] > first[schedule.LOAD]
     for a in range(island.n):
@@ -116,7 +111,6 @@ def accept_island(m, motion, common, ended, context, island, scratch):
 
 @njit(**BARE_CHUNK)
 def step(until, context, island, scratch):
-    """Make one step of an island, shortened until it is accepted; set the codes of its bodies if they have to stop."""
     V, time = context.settings, context.totals[body_at(0, island), run_totals.TIME]
     end = control.next_breakpoint(time, context, until)
     if end - time < V[step_settings.SHORTEST]:
@@ -141,16 +135,16 @@ def step(until, context, island, scratch):
             b = body_at(a, island)
             context.memory[b, step_memory.TRIES] += 1.0
             context.memory[b, step_memory.ITERATIONS] += iterations
-        converged = outcome == Outcome.SOLVED
+        converged = outcome == NewtonOutcome.SOLVED
         error, rotation, landing = assess_island(m, converged, motion, context, island, scratch)
         if converged and error <= 1.0 and rotation <= MAX_ROTATION:
             break
         cuts += 1
         limit = control.why_cut(landing, converged, error, rotation)
         dt *= control.reduction_factor(converged, error, rotation)
-        if outcome == Outcome.CROWDED or dt < V[step_settings.SHORTEST]:
+        if outcome == NewtonOutcome.CROWDED or dt < V[step_settings.SHORTEST]:
             for a in range(island.n):
-                code = control.Stop.CROWDED if outcome == Outcome.CROWDED else control.Stop.UNSOLVED
+                code = control.Stop.CROWDED if outcome == NewtonOutcome.CROWDED else control.Stop.UNSOLVED
                 context.memory[body_at(a, island), step_memory.CODE] = np.int64(code)
                 reject_step(context, body_at(a, island), space_at(a, scratch))
             return

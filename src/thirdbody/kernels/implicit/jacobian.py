@@ -1,7 +1,6 @@
 """Linear equations of an island: Jacobian of the residuals (`residual`), of each body with its plates, and of contacts between
 bodies; Gaussian elimination with row pivots. Contacts with curved surfaces and between bodies are added by `add_curved`
-(`contact` has the theory): all changes are linear in the displacements of surface and centre, so that their responses along three
-axes give all coordinates.
+(`contact` has the theory): responses along three axes give all coordinates.
 
 The entry in row i and column j is A[i step + j + offset]. Seven equations of one body are dense: step 7, offset 0. Those of
 several bodies are a band: row i holds the columns from i - w to i + 2 w, side by side, of which exchanged rows need the last w;

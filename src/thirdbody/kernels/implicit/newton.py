@@ -46,7 +46,7 @@ AT_LIMIT, BACK = 1.0 - 1e-9, 0.05
 which a correction may reverse it."""
 
 
-Patience = namedtuple("Patience", "iterations leaps halvings")
+IterationLimits = namedtuple("IterationLimits", "iterations leaps halvings")
 """Maximum iterations, corrections accepted although the residual grows, and halvings of one correction.
 
 Beyond the iterations two half steps are cheaper. Where contacts change between stick and slip, Newton's method has to
@@ -54,16 +54,14 @@ overshoot to reach the other branch.
 """
 
 
-ALONE = Patience(10, 4, 0)
+ALONE = IterationLimits(10, 4, 0)
 """Of one body. Halving instead of leaping: of 1000 clumps that slide 100 um half as many steps fail without, in a third fewer
 evaluations."""
 
-TOGETHER = Patience(16, 2, 1)  # of several bodies: more iterations, since a shorter step is one of all of them
+TOGETHER = IterationLimits(16, 2, 1)  # of several bodies: more iterations, since a shorter step is one of all of them
 
 
-class Outcome(IntEnum):
-    """Outcomes of `solve_island`."""
-
+class NewtonOutcome(IntEnum):
     SOLVED = 0
     UNSOLVED = 1
     CROWDED = 2  # A body has more contacts than a tile holds
@@ -79,7 +77,6 @@ def euclidean_norm(r):
 
 @njit(**BARE)
 def effect_size(b, E):
-    """Return the sum of the sizes of the components of the effects' force on body b [N]."""
     if not has_effect_columns(E):
         return 0.0
     return abs(E[b, body_extra.EFFECT_FORCE]) + abs(E[b, body_extra.EFFECT_FORCE + 1]) + abs(E[b, body_extra.EFFECT_FORCE + 2])
@@ -224,7 +221,6 @@ def limit_overlap_change(context, b, expected_overlap, space):
 
 @njit(**BARE)
 def is_slipping(q, O):  # noqa: E741
-    """Return whether contact q is at the friction limit."""
     limit = O[law_output.FRICTION_LIMIT * TILE + q]
     t_x, t_y = O[law_output.TANGENTIAL_X * TILE + q], O[law_output.TANGENTIAL_Y * TILE + q]
     return not t_x * t_x + t_y * t_y < AT_LIMIT * limit * limit
@@ -244,7 +240,6 @@ def limit_reversal(q, moved, fraction, tile):
 
 @njit(**BARE)
 def limit_slip_reversal(context, m, fraction, space):
-    """Return the fraction, at most `fraction`, of the correction that reverses no slip on plates."""
     per_arm, G = 1.0 / space.start[step_start.ARM], space.geometry
     for q in range(m):
         relieved = context.spots_part != 0 and G[geometry.RELIEF * TILE + q] >= space.inputs[law_input.OVERLAP * TILE + q]
@@ -276,7 +271,7 @@ def limited_part(m, motion, context, island, scratch):
 def solve_island(motion, context, island, scratch):
     """Solve for the coordinates of all bodies of an island, from a guess; return outcome, contacts between bodies, iterations.
     Where the residual contracts, the factors of the last Jacobian tell whether the next correction is negligible, or give it."""
-    patience = ALONE if island.n == 1 else TOGETHER
+    limits = ALONE if island.n == 1 else TOGETHER
     size, part, whole, halvings, leaps, iterations, effects, m = 1e300, 0.0, 0.0, 0, 0, 0, 0.0, np.int64(0)
     for a in range(island.n):
         for k in range(FREEDOMS):
@@ -284,29 +279,29 @@ def solve_island(motion, context, island, scratch):
     while True:
         m = evaluate(part, motion, context, island, scratch)
         if m < 0:
-            return Outcome.CROWDED, m, iterations
+            return NewtonOutcome.CROWDED, m, iterations
         now, enough, solved, nearly = measure(size == 1e300, motion.dt, context, island, scratch)
         if not now < 1e300:
-            return Outcome.UNSOLVED, m, iterations
+            return NewtonOutcome.UNSOLVED, m, iterations
         better = solved or now < (1.0 - 1e-4 * part) * size
-        if not better and halvings < patience.halvings:
+        if not better and halvings < limits.halvings:
             halvings, part = halvings + 1, 0.5 * part
             continue
-        if not better and halvings == patience.halvings and leaps < patience.leaps:
+        if not better and halvings == limits.halvings and leaps < limits.leaps:
             leaps += 1
-            better = patience.halvings == 0
+            better = limits.halvings == 0
             if not better:  # the whole correction, after all
                 halvings, part = halvings + 1, whole
                 continue
-        better = better or halvings > patience.halvings
+        better = better or halvings > limits.halvings
         for a in range(island.n):
             for k in range(FREEDOMS):
                 space_at(a, scratch).y[k] = space_at(a, scratch).trial[k]
         if solved:
-            return Outcome.SOLVED, m, iterations
-        if not better or iterations == patience.iterations:
+            return NewtonOutcome.SOLVED, m, iterations
+        if not better or iterations == limits.iterations:
             # laws with corners do not converge to the last digits
-            return (Outcome.SOLVED if nearly else Outcome.UNSOLVED), m, iterations
+            return (NewtonOutcome.SOLVED if nearly else NewtonOutcome.UNSOLVED), m, iterations
         contracts = iterations > 0 and part == 1.0 and now <= CONTRACTS * size
         last = contracts and now * now <= enough * size
         constant, effects = effects == effects_on(context, island), effects_on(context, island)
@@ -319,11 +314,11 @@ def solve_island(motion, context, island, scratch):
                 balanced = euclidean_norm(space.residual) <= SETTLED_FORCE * scratch.scales[a, 0]
                 settled = settled and balanced and euclidean_norm(space.correction) <= allowed
             if settled:
-                return Outcome.SOLVED, m, iterations
+                return NewtonOutcome.SOLVED, m, iterations
         if not last:
             assemble(m, False, motion, context, island, scratch)
             if not factorise_jacobian(False, island, scratch):
-                return Outcome.UNSOLVED, m, iterations
+                return NewtonOutcome.UNSOLVED, m, iterations
         solve_correction(False, island, scratch)
         size, halvings, iterations = now, 0, iterations + 1
         part = whole = 1.0 if last else limited_part(m, motion, context, island, scratch)

@@ -1,14 +1,12 @@
 """Contacts between the bodies of an island in an implicit step: the part `pairs_part` of a step (`workspace.PART`).
 
-A contact acts on the body of its owner with a force, and on that of its partner with the opposite one. Geometry, slip and history
-are those of the explicit integrator (`contact_geometry`). Its answers: the number of contacts after GATHER; the largest fraction
-of the correction, given and returned, at LIMIT; the largest angle by which a normal turns in half a step, and whether a contact
-closed, at ERRORS.
+Its answers: the number of contacts after GATHER; the largest fraction of the correction, given and returned, at LIMIT; the
+largest angle by which a normal turns in half a step, and whether a contact closed, at ERRORS.
 
 Each body gets half of what friction and dashpots dissipate in a contact. What the forces of a contact do on its two bodies, less
 the energy that it stores and dissipates, is the loss of the integrator (`accept_step.update_ledger`); each body gets the part
 that it has in that work. Work that a contact hands on from one body to the other is that of the mean of its forces at both ends
-of the step, as is the work of the plates: else what rolling bodies exchange would count as lost by one and created by the other.
+of the step: else what rolling bodies exchange would count as lost by one and created by the other.
 """
 
 import math
@@ -101,7 +99,6 @@ def evaluate_pairs(context, island, motion, scratch):
 
 @njit(**BARE)
 def relative_move(a, point, b, other_point, scratch):
-    """Return the displacement (3,) [m] by the correction of a point of the body at position a relative to one of that at b."""
     one, other = space_at(a, scratch).correction, space_at(b, scratch).correction
     per_a, per_b = 1.0 / scratch.starts[a, step_start.ARM], 1.0 / scratch.starts[b, step_start.ARM]
     moved, behind = newton.displacement(one, per_a, point, False), newton.displacement(other, per_b, other_point, False)
@@ -110,7 +107,6 @@ def relative_move(a, point, b, other_point, scratch):
 
 @njit(**BARE_CHUNK)
 def limit_pairs(context, island, m, fraction, scratch):
-    """Return the fraction, at most `fraction`, of the correction by which no pair sinks in too far and no slip reverses."""
     S, expected, box = context.S, context.settings[step_settings.EXPECTED_OVERLAP], box_of(context.D)
     for e in range(island.n_pairs):
         k = pair_at(e, island)
@@ -162,7 +158,6 @@ def pair_opening_work(k, context, motion):
 
 @njit(**BARE_CHUNK)
 def pair_work_errors(context, island, m, motion, scratch):
-    """Write the errors of the friction work of m contacts between bodies, and the energy that they can store, to both bodies."""
     for a in range(island.n):
         scratch.errors[a, 0], scratch.errors[a, 1] = 0.0, 0.0
     p = np.int64(0)

@@ -100,7 +100,6 @@ def inertia_of(b, E, orientations):
 
 @njit(**BARE)
 def active_contacts(a, motion, context, island, scratch):
-    """Gather the contacts with plates of the body at position a, in the trial; return their number, -1: too many."""
     b, space = body_at(a, island), space_at(a, scratch)
     slots, first = space.slots, context.plate_edges[b]
     # the mean velocity of the step, where `gather_plate_contact` takes that of the patch at its end

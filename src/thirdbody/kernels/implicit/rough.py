@@ -30,7 +30,6 @@ STEP = 1e-4  # length of the differences, in units of a cell
 
 @njit(**BARE)
 def gradient_above(field, p_x, p_y, distance, radius):
-    """Return centre (3,) [m] and gradient of ln R_eff (3,) [1/m] of a sphere above a point of the surface, at a distance [m]."""
     jet = jet_at(field, p_x, p_y)
     n_z = 1.0 / math.sqrt(1.0 + jet.x * jet.x + jet.y * jet.y)
     normal, below = (-jet.x * n_z, -jet.y * n_z, n_z), -distance * n_z
@@ -105,7 +104,6 @@ def follow_step(k, field, x, ends, tables):
 
 @njit(**BARE_CHUNK)
 def accept_sphere(k, field, x, tables):
-    """Take the minima of the sphere whose first row is k as those at the start of the next step, after a search if one is due."""
     Q, radius, reach = tables.Q, tables.S[tables.own[k], sphere.RADIUS], tables.D[domain.REACH]
     farthest = radius * (1.0 + MARGIN) + reach
     minima.reset_ended(k, Q)

@@ -41,7 +41,6 @@ def strain_of(q, context, space):
 
 @njit(**BARE_CHUNK)
 def relieved_strains(m, context, space):
-    """Write the changes of the relieved overlaps of m contacts with the coordinates into the tile."""
     K, S, at = space.tangents, context.S, contact_tangent.RELIEVED * TILE
     for q in range(m):
         strain = strain_of(q, context, space)

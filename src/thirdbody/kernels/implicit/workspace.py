@@ -141,8 +141,6 @@ ADVANCE = types.void(_I, _I, types.float64, types.float64, PACKED, PACKED, PACKE
 
 
 class Stages(NamedTuple):
-    """Stages of a step for which a part is called."""
-
     START: int = 0  # the step begins
     GATHER: int = 1  # a trial: contacts are gathered, or pairs evaluated
     RELIEVE: int = 2  # spots are solved and relieved before the laws,
@@ -183,7 +181,6 @@ def make_scratch(context: Any, bodies: int, pairs: int, band: int, row: int) -> 
 
 
 def spaces_of(tables: dict[str, np.ndarray]) -> tuple[list[Any], list[Any]]:
-    """Return the `Space` of each body, and of each tile of contacts between bodies, in tables of `SCRATCH`."""
     rows, others = ("inputs", "outputs", "tangents", "geometry", "slots"), ("jacobian", "diagnostics", "sums", "starts")
     none, no_sums = np.zeros(0), np.zeros((0, contact_sums.WIDTH))
     bodies = [
@@ -233,7 +230,6 @@ def space_at(a, scratch):
 
 @njit(**BARE)
 def pair_tile(t, m, scratch):
-    """Return tile t of the m contacts between bodies, and the number of contacts in it."""
     return space_of(scratch.pair_spaces[t]), min(np.int64(TILE), m - t * TILE)
 
 

@@ -167,7 +167,6 @@ class Bench:
         return I
 
     def call(self, requested: Inputs, history: Array, law: Callable | None = None) -> tuple[Array, Array]:
-        """Return results (T, 13, TILE) by `columns.law_output`, and the new history (T, h, TILE)."""
         I = self.inputs(requested, history)  # noqa: E741
         end = law_output.HISTORY + self.width
         O = np.full((len(I), end + rolling_output.WIDTH, TILE), np.nan)  # noqa: E741

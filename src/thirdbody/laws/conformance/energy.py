@@ -192,7 +192,6 @@ class Sample(NamedTuple):
 
 
 def samples(bench: Bench) -> list[Sample]:
-    """Return touching contacts with their history, from random paths; typical options, friction neither zero nor huge."""
     rng = np.random.default_rng(5)
     usual = [k for k, s in enumerate(bench.settings[: len(PAIRS)]) if 0.0 < s.pair.friction < 10.0]
     first = bench.chain.first_of(bench.law)

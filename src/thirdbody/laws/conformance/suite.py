@@ -91,7 +91,6 @@ def _finding(part: str, name: str, test: Callable[[], Result | Cases]) -> Findin
 
 
 def report(findings: Sequence[Finding]) -> str:
-    """Format the findings as a plain-text table, failures first, with a line of counts."""
     rows = [("", "part", "test", "")]
     rows += [("ok" if f.passed else "FAIL", f.law, f.test, f.detail) for f in sorted(findings, key=lambda f: f.passed)]
     widths = [max(len(row[k]) for row in rows) for k in range(3)]
