@@ -55,9 +55,8 @@ CREATED_ENERGY_GUARD = 0.1
 the very start, and below 0.005 later."""
 
 NEGLIGIBLE = 0.01
-"""Exchanged energy below which that of a body is no scale, as a fraction of the mean of all bodies. The tolerance of a step is a
-length, which does not resolve the weak impacts of bodies that carry no load between rough plates: they may create a tenth of what
-they exchange, a millionth of what a loaded body exchanges."""
+"""Exchanged energy below which that of a body is no scale, as a fraction of the mean of all bodies: a step does not resolve the
+weak impacts of bodies without load between rough plates, which may create a tenth of the little that they exchange."""
 
 
 def causes(memory: Array) -> Array:

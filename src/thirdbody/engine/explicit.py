@@ -325,27 +325,21 @@ def _contact_bounds(
         scratch = limits.Scratch(np.zeros((law_input.HISTORY + 1) * TILE), np.zeros(8 * TILE), np.empty(longest + 1, np.int32))
         return lambda piece: limits.find_stiffnesses(*piece, context, ahead, physics.stiffness_at, scratch, tables)
 
-    def bound_worker() -> Callable[[tuple[int, int]], None]:
-        near = np.empty(slots.max_per_body + 1, np.int32)
-        return lambda piece: limits.bound_bodies(*piece, context, near, tables)
-
     distribute(flat, stiffness_worker)
     distribute(pairs, stiffness_worker)
-    many = state.n_bodies if slots.count else 0
-    distribute(pieces_of(0, many, MIN_CANDIDATES), bound_worker)
-    near = np.empty(slots.max_per_body + 1, np.int32)
-    result = limits.shortest_steps(many, context, ahead.time, near, tables)
+    many, width = state.n_bodies if slots.count else 0, slots.max_per_body + 1
+    bodies = pieces_of(0, many, MIN_CANDIDATES)
+    distribute(bodies, lambda: lambda piece: limits.bound_bodies(*piece, context, np.empty(width, np.int32), tables))
+    result = limits.shortest_steps(many, context, ahead.time, np.empty(width, np.int32), tables)
     return tables.number[:result], tables.bodies[:result], tables.patches
 
 
 def _pressed(state: State, horizon: float) -> Array:
     """Return the patches under their largest load until the next bound (1.5 horizons, as steps may grow)."""
-    upper = state.world.upper
-    if upper is None or not upper.schedule.load:
-        return state.P
-    P = state.P.copy()
-    largest = upper.schedule.largest_load(state.time, state.time + 1.5 * horizon)
-    P[:, patch.LOAD] = np.maximum(P[:, patch.LOAD], largest * P[:, patch.NOMINAL_LOAD])
+    P, upper = state.P, state.world.upper
+    if upper is not None and upper.schedule.load:
+        largest, P = upper.schedule.largest_load(state.time, state.time + 1.5 * horizon), P.copy()
+        P[:, patch.LOAD] = np.maximum(P[:, patch.LOAD], largest * P[:, patch.NOMINAL_LOAD])
     return P
 
 

@@ -160,7 +160,6 @@ class Implicit:
 
     @property
     def per_call(self) -> int:
-        """Largest number of islands in a call."""
         return self.islands.count if self.meeting else BATCH
 
     def advance_all(self, until: float, watch: Action, between: Action) -> None:
@@ -300,7 +299,6 @@ class Implicit:
         } | ({"islands": self.meeting.summary()} if self.meeting else {})  # fmt: skip
 
     def explain(self, body: int) -> str:
-        """Return what stopped a body, when, and what can be done."""
         s, totals = self.state, self.totals[body]
         code, when = int(self.memory[body, step_memory.CODE]), f"stopped at t = {totals[run_totals.TIME]:.6g} s"
         who = name_of(body, s)

@@ -15,7 +15,7 @@ import numpy as np
 from thirdbody.engine.candidates import ClosedRows
 from thirdbody.engine.implicit import Implicit
 from thirdbody.engine.islands import BATCH
-from thirdbody.engine.state import Array, State, table
+from thirdbody.engine.state import State, table
 from thirdbody.jit.arguments import address
 from thirdbody.jit.threads import allowed_threads, distribute
 from thirdbody.kernels.implicit import driver
@@ -60,8 +60,9 @@ class ImplicitEnsemble(Implicit):
 
         def worker() -> Callable[[int], None]:
             packed, scratch = context.copy(), self.scratch()
-            one = OneBody(*_rows_of(self.max_per_body, rows.widths), table(spheres, sphere.WIDTH), state.radii)
-            new = ClosedContacts(np.zeros(largest, np.int32), *_rows_of(largest, rows.widths))
+            H, R = (np.zeros((self.max_per_body, width)) for width in rows.widths)
+            one = OneBody(H, R, table(spheres, sphere.WIDTH), state.radii)
+            new = ClosedContacts(np.zeros(largest, np.int32), *(np.zeros((largest, width)) for width in rows.widths))
 
             def advance(number: int) -> None:
                 low, high = max(first, number * BATCH), min(last, (number + 1) * BATCH)
@@ -73,7 +74,3 @@ class ImplicitEnsemble(Implicit):
             return advance
 
         distribute(range(first // BATCH, -(-last // BATCH)), worker)
-
-
-def _rows_of(n: int, widths: tuple[int, int]) -> tuple[Array, Array]:
-    return np.zeros((n, widths[0])), np.zeros((n, widths[1]))

@@ -21,8 +21,6 @@ BATCH = 512  # bodies per call, or per part of one; one step of so many is enoug
 
 @dataclass(frozen=True)
 class Islands:
-    """Islands as tables of the kernels (`IslandTables`)."""
-
     tables: Any  # its fields are made at run time, so type checkers do not see them
     sizes: Ints  # (n,)
     number: Ints  # (n_bodies,): the island of each body
@@ -132,22 +130,16 @@ LARGEST = 300
 """Largest number of bodies of an island for which the implicit integrator pays.
 
 Processor time per body at 1 mm/s, clumps of the main scene at an area fraction of 0.5 (`tests/bench/island_sizes.py`): explicit
-steps cost 50 to 125, 57 and 10 times as much as implicit ones in islands of 7, 27 and 143 bodies. A step of a body costs 20, 23
-and 56 us there, since the band gets wider, and its steps are those of the most restless body of the island: 310, 430 and 1000
-per um. By that trend both cost the same at some 500 bodies; where a body chatters (1e5 steps per um), at less than 90 already. A
-body of a chain costs the same up to 300 bodies.
-"""
+steps cost 50 to 125, 57 and 10 times as much as implicit ones in islands of 7, 27 and 143 bodies, since the band gets wider, and
+the steps are those of the most restless body. By that trend both cost the same at some 500 bodies; where a body chatters (1e5
+steps per um), at less than 90 already."""
 
 GROWTH, LARGEST_GROWTH = 1.3, 2.0
 """Bodies that an island has during a run besides the first one, over those at the start: on average, and of the largest island.
-
-Measured for 100 to 2000 bodies of the main scene at area fractions of 0.05 to 0.55, for balls and for scanned particles: 1.2 to
-1.5, and 1 to 2."""
+Measured for 100 to 2000 bodies at area fractions of 0.05 to 0.55: 1.2 to 1.5, and 1 to 2."""
 
 
 class ExpectedIslands(NamedTuple):
-    """Islands of a layer."""
-
     stride: float  # drag [m] within which their bodies could meet
     area_fraction: float  # of the domain, covered by the bodies as balls of their volumes
     fraction_of_bodies: float  # in islands of two and more at the start

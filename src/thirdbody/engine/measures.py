@@ -102,7 +102,6 @@ def labels(state: State, drag: Array) -> Array:
     rows, labeller = slots.rows, (address(physics.observe, OBSERVE), address(physics.label, LABEL))
 
     def label(bodies: slice, candidates: tuple[Numbers, ...], H: Array, R: Array) -> None:
-        """Label a batch of bodies. `candidates`: own, partner, edges and incidence; H, R: their rows."""
         observed: Any = Observed(  # type: ignore[call-arg]
             *candidates, state.B[bodies], state.E[bodies], state.orientations[bodies], H, R, state.M[bodies].copy(), drag,
             len(physics.history), loaded_contact.MEMORY + physics.contact_memory,

@@ -157,7 +157,6 @@ class Meeting:
     # -- copies of the state --
 
     def _tables(self) -> dict[str, Array]:
-        """Return all tables that steps change, by their names in a snapshot."""
         one = self.integrator
         tables = {name: getattr(one.state, name) for name in STATE}
         tables |= {f"slots_{name}": getattr(one.state.slots, name) for name in SLOTS}
@@ -207,7 +206,6 @@ def may_have_touched(state: State, positions: Array, swept: Array) -> tuple[Numb
 
 
 def _with_fast(state: State, paths: Array, fast: Ints, own: Numbers, partner: Numbers) -> tuple[Numbers, Numbers]:
-    """Return these pairs and those of the `fast` spheres with all within reach of both paths, sorted."""
     S, free, n = state.S, state.side == EVERYTHING, state.n_spheres
     keys = [own.astype(np.int64) * n + partner]
     for i in fast[free[fast]]:

@@ -127,7 +127,6 @@ def _pairs_within(
     world, spheres, cells = state.world, passes.Spheres(state.body, state.side), grid(state, distance) if debris else None
 
     def limit(exists: bool, surface: Array | None) -> tuple[int, float]:
-        """Return the number of basins of a plate, and the height [m] below which spheres may be near it."""
         if surface is None:
             return int(exists), distance
         return BASINS * int(exists), float(surface[height_field.MAX_HEIGHT]) + distance
@@ -220,7 +219,6 @@ def force_rows(lowest: Numbers, parts: int) -> tuple[Numbers, int]:
 
 
 def _begins(groups: int, parts: int) -> np.ndarray:
-    """Return the first group of the part of each group."""
     begins = np.arange(parts + 1) * groups // parts
     return np.repeat(begins[:-1], np.diff(begins))
 

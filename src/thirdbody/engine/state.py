@@ -112,7 +112,6 @@ class Physics(Chain):
 
     @property
     def moments(self) -> bool:
-        """Whether a contact has a law of the rolling stage."""
         return self.rolling & MOMENTS != 0
 
 

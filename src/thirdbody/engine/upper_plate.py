@@ -23,8 +23,6 @@ JUST_BEFORE = 1.0 - 1e-9
 
 @dataclass(frozen=True)
 class Segment:
-    """Segment of a schedule, valid until the next one starts (`kernels.schedule`)."""
-
     start: float
     kind: int
     a: float
@@ -63,7 +61,6 @@ class Schedule:
     load: Axis = ()
 
     def tables(self) -> tuple[Array, Ints]:
-        """Return the rows (n, COLUMNS) of all segments and the first row of each axis (5,) for the kernels."""
         axes = self.x, self.y, self.gap, self.load
         rows = [[s.start, s.kind, s.a, s.b, s.c] for axis in axes for s in axis]
         first = np.concatenate(([0], np.cumsum([len(axis) for axis in axes]))).astype(np.int64)
@@ -218,7 +215,6 @@ class Schedule:
 
 
 def rate_before(axis: Axis, time: float) -> float:
-    """Return the rate of change of an axis just before a time [s]."""
     before = [segment for segment in axis if segment.start < time]
     return before[-1].rate(max(time * JUST_BEFORE, before[-1].start)) if before else 0.0
 

@@ -42,12 +42,7 @@ class ContactStep(
     """
 
 
-class Motion(NamedTuple):
-    """Length of a step [s] and mean velocity of the upper plate in it, along x and y [m/s]."""
-
-    dt: float
-    v_x: float
-    v_y: float
+Motion = namedtuple("Motion", "dt v_x v_y")  # length of a step [s] and mean velocity of the upper plate in it [m/s]
 
 
 class Step(NamedTuple):

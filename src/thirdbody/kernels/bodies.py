@@ -76,7 +76,6 @@ def vector(v):
 
 @njit(**BARE)
 def columns(matrix):
-    """Return the columns of a matrix, a tuple of nine row by row, as vectors of four."""
     a, b, c, d, e, f, g, h, i = matrix
     return set4(a, d, g, 0.0), set4(b, e, h, 0.0), set4(c, f, i, 0.0)
 

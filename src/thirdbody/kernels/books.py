@@ -116,7 +116,6 @@ def book(n, context, tile):
 
 @njit(**BARE)
 def book_opened(n, context, tile):
-    """Do the same for n contacts that opened within the step."""
     O, force, moment = tile.outputs, law_output.HISTORY + context.force, law_output.HISTORY + max(context.moment, 0)  # noqa: E741
     twist = law_output.HISTORY + max(context.twist, 0)
     for q in range(n):

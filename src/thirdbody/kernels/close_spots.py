@@ -43,10 +43,9 @@ FAR = 1.0  # place of a spot that carries nothing [m]
 SWEEPS = 60  # most sweeps. Spots at 10, 3 and 2 contact radii take 6, 9 and 12 to rounding
 ACCURACY = 1e-15  # change of the relief over the overlap that ends the sweeps
 
-# Spots of a body on the plates, in scratch.
 spot = Table(
     "W",
-    "a spot",
+    "a spot of a body",
     number=number("", "its contact, in the list of the group"),
     x=number("m", "centre of its sphere from that of its body, along x"),
     y=number("m", "the same along y"),
@@ -57,10 +56,9 @@ spot = Table(
     sphere_radius=number("m", "radius of its sphere"),
 )
 
-# Two or three spots of a body on one plate, in scratch: a lane of LANES, structure of arrays.
 lane = Table(
     "L",
-    "a group of two or three spots",
+    "two or three spots of a body on one plate, a lane of LANES",
     row=number("", "where its rows of W begin"),
     count=number("", "number of its spots"),
     compliance=number("m2/N", "displacement of the plate times distance over force"),
@@ -285,7 +283,6 @@ def solve_spots(count, first, last, slots, context, spots):
 
 @njit(**BARE_CHUNK)
 def solve_bodies(m, slots, context, spots):
-    """Solve the m contacts with plates slots[:m], in order of their bodies."""
     L, W = tables(spots.rows)
     first, count = np.int64(0), np.int64(0)
     while first < m:
@@ -310,7 +307,6 @@ Spots = namedtuple("Spots", "relief force pull_x pull_y rows")
 
 
 def scratch_of(n):
-    """Return the numbers of scratch for n contacts: their fields, their rows, and lanes."""
     return FIELDS * n + spot.WIDTH * n + lane.WIDTH * LANES
 
 
@@ -318,15 +314,6 @@ def scratch_of(n):
 def interact(context):
     """Return whether spots interact: `interaction` has the compliances of the plates, c [m2/N], then K/R^(1/2) of each pair."""
     return context.interaction.shape[0] > 0
-
-
-@njit(**BARE)
-def place_spots(t, n, filled, spots, G):
-    """Write the n spots from number t on into the fields of a tile, and pad up to `filled` with the last one."""
-    for q in range(filled):
-        e = t + min(q, n - 1)
-        G[q + geometry.RELIEF * TILE], G[q + geometry.SPOT_FORCE * TILE] = spots.relief[e], spots.force[e]
-        G[q + geometry.PULL * TILE], G[q + (geometry.PULL + 1) * TILE] = spots.pull_x[e], spots.pull_y[e]
 
 
 @njit(**BARE)

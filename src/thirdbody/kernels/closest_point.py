@@ -41,11 +41,8 @@ from twice that on, so that its derivatives do not jump."""
 
 
 Foot = namedtuple("Foot", "x y distance normal jet inverse evaluations")
-"""A local minimum of the distance between a point and the surface.
-
-x, y: where it is [m], from straight below the point, the same in every period; distance [m], negative below the surface;
-normal: unit vector, upwards; jet: the surface there; inverse: M (xx, xy, yy); evaluations: number of those of the surface.
-"""
+"""A local minimum of the distance between a point and the surface: x, y from straight below the point, the same in every period;
+distance, negative below the surface; unit normal, upwards; jet there; M (xx, xy, yy); number of evaluations of the surface."""
 
 
 @njit(**BARE)

@@ -33,7 +33,6 @@ LIGHT = 16
 
 @njit(**BARE)
 def padded(n, n_history):
-    """Return the number of elements of a tile that a pass over n contacts computes."""
     return n + (-n % simd.VECTOR if n_history <= LIGHT else 0)
 
 

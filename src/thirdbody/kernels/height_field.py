@@ -158,7 +158,6 @@ def pack_field(coefficients: np.ndarray, length_x: float, length_y: float) -> np
 
 
 def _bounds(c: np.ndarray, d_x: float, d_y: float) -> tuple[float, float]:
-    """Return bounds of the slope and of the norm of the second derivatives [1/m], from the differences of coefficients."""
     along, across = np.diff(c, axis=0) / d_x, np.diff(c, axis=1) / d_y
     slope = math.hypot(np.abs(along).max(), np.abs(across).max())
     xx, yy, xy = np.diff(along, axis=0) / d_x, np.diff(across, axis=1) / d_y, np.diff(along, axis=1) / d_y
@@ -166,7 +165,6 @@ def _bounds(c: np.ndarray, d_x: float, d_y: float) -> tuple[float, float]:
 
 
 def _pyramid(c: np.ndarray) -> list[np.ndarray]:
-    """Return the levels, the finest one first: the largest coefficient of blocks of 2, 4, 8... cells."""
     blocks = c
     for axis in (0, 1):
         n = blocks.shape[axis] - 3

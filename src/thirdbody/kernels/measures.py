@@ -56,11 +56,8 @@ def measure_opened(k, lost, context):
 
 
 Collection = namedtuple("Collection", "own partner body S P Q H W targets sums deposits")
-"""Tables from which and to which `collect` works: names as in `arguments.Context`.
-
-W: what bodies have of the measures; `targets`: of `laws.measures.Layout`, `sums`: how many of them are sums; `deposits`: on the
-plates, room for one per candidate, or no rows.
-"""
+"""Tables from which and to which `collect` works, named as in `arguments.Context`. W: what bodies have of the measures;
+`targets`, `sums`: of `laws.measures.Layout`; `deposits` on the plates: room for one per candidate, or no rows."""
 
 _TABLE, _S1, _I1 = types.Array(types.float64, 2, "C"), types.Array(types.int32, 1, "C"), types.Array(types.int64, 1, "C")
 _TARGETS, _MAPS = types.Array(types.int64, 2, "C"), types.Array(types.float64, 4, "C")

@@ -39,18 +39,14 @@ def update_surfaces(first, last, context):
 MOVED = 0.02  # displacement of a sphere relative to a plate, in radii, after which all minima are searched for again
 
 MOVED_TOUCHING = 5e-4
-"""The same of a sphere that touches where hollows may be sharper than itself: of the order of its overlap.
-
-A ball that rolls into hollows of 1.01 to 1.2 times its curvature makes at most 0.28 of load times overlap so, and up to 17.5
-times load and overlap where minima are searched for every `MOVED` radii.
-"""
+"""The same of a sphere that touches where hollows may be sharper than itself, of the order of its overlap: a ball that rolls into
+hollows of 1.01 to 1.2 times its curvature makes at most 0.28 of load times overlap, with `MOVED` up to 17.5 times that."""
 
 FARTHEST = 1e100  # bound of the coordinates [m] of a sphere that is somewhere
 
 HOLLOW = -0.5
 """Sum of the turning of the normal along both principal directions, times the radius, below which a minimum may split: in a
-hollow of 0.33 times the curvature of the sphere, or of 0.6 times that with a sharp crest across.
-"""
+hollow of 0.33 times the curvature of the sphere, or of 0.6 times that with a sharp crest across."""
 
 APART = 1.0 + 1e-9  # least distance over the radius plus reach in a row whose minimum has ended
 

@@ -19,11 +19,8 @@ from thirdbody.kernels.tables import EVERYTHING, ONLY_LOWER, ONLY_UPPER, sphere
 from thirdbody.kernels.vectors import images, inverse
 
 Grid = namedtuple("Grid", "low size cells periodic length_x length_y")
-"""Cells of the search, each at least as large as the interaction range.
-
-Lowest corner (3,) and size of a cell (3,) [m], number of cells along each axis (3,), whether x and y are periodic (2,), and
-their periodic lengths [m] or 0.
-"""
+"""Cells of the search, each at least as large as the interaction range: lowest corner (3,) and size of a cell (3,) [m], number of
+cells along each axis (3,), whether x and y are periodic (2,), and their periodic lengths [m] or 0."""
 
 CellLists = namedtuple("CellLists", "edges cells Q")
 """Scratch of a search: where each cell begins in Q (zero at first), the cell of each sphere, spheres in order of cells."""

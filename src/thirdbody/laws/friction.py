@@ -19,10 +19,8 @@ from thirdbody.laws.memory import MEMORIES, MEMORY, Memory, friction_tangent, re
 from thirdbody.laws.renewal import RENEWAL_OF_SPRINGS, growth_of, moved_ground, renewal_rate, renewed
 
 Elastic = namedtuple("Elastic", "stiffness stiffness_rate limit limit_rate critical rubs")
-"""Spring of a law under its load, and derivatives by the overlap.
-
-Stiffness [N/m] and rate [N/m2]; limit [N] and rate [N/m]; slip of first sliding [m]; whether there is friction at all.
-"""
+"""Spring of a law under its load: stiffness [N/m] and its rate with the overlap [N/m2]; limit [N] and rate [N/m]; slip of first
+sliding [m]; whether there is friction at all."""
 
 
 Renewing = namedtuple("Renewing", "rate falls")

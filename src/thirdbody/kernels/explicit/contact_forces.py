@@ -310,8 +310,10 @@ def contact_forces(group, side, part, context, step, law):
     for t in range(0, m, TILE):
         count, here = min(TILE, m - t), slots[t:]
         filled = contact_geometry.padded(count, context.n_history)  # with the last contact
-        if flat and close_spots.interact(context):
-            close_spots.place_spots(t, count, filled, spots, tile.geometry)
+        for q in range(filled if flat and close_spots.interact(context) else 0):
+            e, G = t + min(q, count - 1), tile.geometry
+            G[q + geometry.RELIEF * TILE], G[q + geometry.SPOT_FORCE * TILE] = spots.relief[e], spots.force[e]
+            G[q + geometry.PULL * TILE], G[q + (geometry.PULL + 1) * TILE] = spots.pull_x[e], spots.pull_y[e]
         evaluate_laws(filled, here, flat, context, step, law, box, tile)
         sums_of_tile = reduce_tile(count, here, tile, sums_of_tile)
         apply_tile(count, c, here, flat, context, step, tile)

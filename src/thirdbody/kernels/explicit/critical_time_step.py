@@ -36,13 +36,8 @@ Assembly = namedtuple("Assembly", ("n_plates", *FIELDS))  # type: ignore[misc]
 `arguments.Context`. Usable as a context of `contact_geometry`."""
 
 
-class Horizon(NamedTuple):
-    """How deep contacts can get before the bound is computed again."""
-
-    time: float  # time until then [s]
-    limit: float  # largest new depth over the radius
-    v_x: float  # velocity of the upper plate along x [m/s]
-    v_y: float  # the same along y
+Horizon = namedtuple("Horizon", "time limit v_x v_y")
+"""Time until the bound is computed again [s], largest new depth until then over the radius, velocity of the upper plate [m/s]."""
 
 
 class Tables(NamedTuple):
@@ -60,10 +55,8 @@ class Tables(NamedTuple):
     matrices: Array  # scratch: stiffness and damping of a body, and their squares
 
 
-class Scratch(NamedTuple):
-    inputs: Array  # of the law's stiffness: a tile of `law_input`
-    outputs: Array  # k_n, k_t, k_r, c_n, c_t, c_r of a tile, then k_w and c_w about the normal; zero without a twisting law
-    near: Array  # list of candidates
+Scratch = namedtuple("Scratch", "inputs outputs near")
+"""Of a piece: a tile of `law_input`; k_n, k_t, k_r, c_n, c_t, c_r of a tile, then k_w and c_w about the normal; candidates."""
 
 
 @njit(**BARE)

@@ -249,7 +249,6 @@ def closing_kick(first, last, context, dt):
 
 @njit(**BARE_CHUNK)
 def body_effect_forces(c, first, last, context, step, effects):
-    """Apply body effects to bodies first to last of chunk c; effects see velocities at the end of the step."""
     B, E, moves = context.B, context.E, context.moves
     effects(B, E, first, last, step.time, step.dt, context.effect_parameters)
     for b in range(first, last):

@@ -219,7 +219,6 @@ ADVANCE = types.Tuple((_I, _I))(_I, _F, _F, _F, _I, PACKED)
 
 @njit(**BARE)
 def parts_of(groups, threads):
-    """Return the number of parts of a pass over so many groups."""
     return min(groups, PARTS_PER_THREAD * threads) if threads > 1 and groups >= FEW else 1
 
 
@@ -232,7 +231,6 @@ def run_part(part, parts, task, step, context, packed, run_groups):
 
 @njit(**BARE_CHUNK)
 def run_pass(parts, task, threads, step, context, packed, run_groups):
-    """Run one pass of a step in so many parts, on all threads; `help_out` reads which pass it is."""
     announced = context.announced
     announced[0], announced[1], announced[2] = task, step.number, step.record
     announced[3], announced[4], announced[5], announced[6] = step.time, step.dt, step.v_x, step.v_y

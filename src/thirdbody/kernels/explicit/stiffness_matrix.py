@@ -69,7 +69,6 @@ def eigenvalue_upper_bound(s, u, v):
 
 @njit(**BARE)
 def symmetric(s, o):
-    """Return the rows of a symmetric matrix from its diagonal and yz, zx, xy."""
     return (
         set4(extract(s, 0), extract(o, 2), extract(o, 1), 0.0), set4(extract(o, 2), extract(s, 1), extract(o, 0), 0.0),
         set4(extract(o, 1), extract(o, 0), extract(s, 2), 0.0),

@@ -155,7 +155,6 @@ def accept_at(first, last, ended, motion, packed, tables, packed_scratch):
 
 @entry(types.void(_I, _I, PACKED, PACKED, PACKED), **OPTIONS, **NO_COUNTS)
 def restore_islands(first, last, packed, tables, packed_scratch):
-    """Return the islands `order[first:last]` to the start of the step."""
     context, islands, scratch = workspace.unpack(packed, tables, packed_scratch)
     for p in range(first, last):
         island = workspace.island_at(islands.order[p], islands)

@@ -57,7 +57,6 @@ def difference(a, b):
 
 @njit(**BARE)
 def scaled_sum(x, a, y, b, z, c):
-    """Return x a + y b + z c of three vectors."""
     return x * a[0] + y * b[0] + z * c[0], x * a[1] + y * b[1] + z * c[1], x * a[2] + y * b[2] + z * c[2]
 
 
@@ -123,8 +122,6 @@ PLANE = ZERO_TENSOR, NOWHERE, ZERO_TENSOR  # shape of a plane: bend, gradient an
 
 
 class Side(NamedTuple):
-    """One side of a contact."""
-
     row: int  # first row and column of its body in the equations; -1: a plate, which has none
     lift: int  # row and column of the rise of a plate; -1: a body, or a plate at rest
     scale: float  # one over the arm of the body [1/m], if rotations are scaled in the equations; else 1

@@ -171,7 +171,6 @@ def error_of_change(change, radius, ratio, V, dt):
 
 @njit(**BARE)
 def local_error(context, b, dt, space):
-    """Return the local error of the step of a body and its patch over the tolerance (`error_of_change`)."""
     Z, T, V, B = space.start, context.memory[b], context.settings, context.B
     ratio = step_ratio(T, V, dt)
     move, rotation = 0.0, 0.0

@@ -7,7 +7,7 @@ several bodies are a band: row i holds the columns from i - w to i + 2 w, side b
 step 3 w, offset w: 3 w + 1 columns. Not LAPACK, which would start threads of its own from each thread of a kernel.
 """
 
-from typing import NamedTuple
+from collections import namedtuple
 
 from numba import njit
 
@@ -16,7 +16,7 @@ from thirdbody.jit.options import BARE
 from thirdbody.kernels import plates
 from thirdbody.kernels.arguments import LAW
 from thirdbody.kernels.contact_geometry import padded
-from thirdbody.kernels.implicit.contact import PLANE, Vector, add_plane, cross, dot, plate_contact, product, scaled_sum
+from thirdbody.kernels.implicit.contact import PLANE, add_plane, cross, dot, plate_contact, product, scaled_sum
 from thirdbody.kernels.implicit.residual import inertia_of
 from thirdbody.kernels.implicit.workspace import FREEDOMS, STAGE, body_at, call_part, space_at
 from thirdbody.kernels.step_tables import step_start
@@ -168,12 +168,9 @@ def solve_correction(coupled, island, scratch):
             space_at(a, scratch).correction[k] = x[FREEDOMS * a + k]
 
 
-class Response(NamedTuple):
-    """How a contact answers a small motion."""
-
-    force: Vector  # change of the force on the owner, opposite to that on a partner that is a body
-    torque: Vector  # change of the torque on the owner, about its centre of mass
-    back: Vector  # change of the torque on the partner, about its own
+Response = namedtuple("Response", "force torque back")
+"""How a contact answers a small motion: changes of the force on the owner, opposite to that on a partner that is a body, and of
+the torques on owner and partner, each about its own centre of mass."""
 
 
 @njit(**BARE)

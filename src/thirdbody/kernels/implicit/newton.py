@@ -47,11 +47,8 @@ which a correction may reverse it."""
 
 
 IterationLimits = namedtuple("IterationLimits", "iterations leaps halvings")
-"""Maximum iterations, corrections accepted although the residual grows, and halvings of one correction.
-
-Beyond the iterations two half steps are cheaper. Where contacts change between stick and slip, Newton's method has to
-overshoot to reach the other branch.
-"""
+"""Maximum iterations, beyond which two half steps are cheaper; corrections accepted although the residual grows, where contacts
+change between stick and slip; and halvings of one correction."""
 
 
 ALONE = IterationLimits(10, 4, 0)

@@ -191,14 +191,9 @@ def spaces_of(tables: dict[str, np.ndarray]) -> tuple[list[Any], list[Any]]:
     return bodies, [Space(*(tables[f"pair_{name}"][t] for name in rows), *[none] * 7, no_sums, none) for t in pairs]  # type: ignore[call-arg]
 
 
-class Island(NamedTuple):
-    number: int
-    low: int  # where its bodies begin in the table of all
-    n: int  # number of its bodies
-    first_pair: int  # where the candidates between its bodies begin in the table of all
-    n_pairs: int  # number of these candidates
-    half_width: int  # of the band of its Jacobian
-    all: Any  # `IslandTables`
+Island = namedtuple("Island", "number low n first_pair n_pairs half_width all")
+"""An island: its number; where its n bodies begin in the table of all, and where the candidates between them; half width of the
+band of its Jacobian; `IslandTables`."""
 
 
 @njit(**BARE)
