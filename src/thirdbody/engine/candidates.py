@@ -1,8 +1,7 @@
 """Candidate contacts: pairs that may touch, with their histories and records.
 
-Histories and records have a row for each candidate, or rows of closed contacts only, batch by batch of bodies. Of the twelve
-candidates of a clump of six spheres between two plates, some four are closed. An open one has no history
-(`kernels.memory.reset_history`), and its record is never read.
+Histories and records have a row for each candidate, or rows of closed contacts only, batch by batch of bodies. An open one has no
+history (`kernels.memory.reset_history`), and its record is never read.
 """
 
 from __future__ import annotations

@@ -5,8 +5,6 @@ of the plate's load and the sum of the bodies' forces, whose slope is the Schur 
 Newton's method inside a bracket, since the force falls with the rise but has corners.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

@@ -260,9 +260,8 @@ STABILITY_FRACTION = 0.2
 Halving it changes the friction curve of the main scene by less than 1e-5 and doubles its time."""
 
 DAMPING_FRACTION = 0.7
-"""Time step over the longest stable step with damping. It is decisive where the dashpots of many contacts, each scaled for its
-contact, add up on one body. Such a mode is overdamped: an oscillation at the step itself loses 40 % in each step, so a margin to
-the limit is enough."""
+"""Time step over the longest stable step with damping, decisive where the dashpots of many contacts add up on one body. Such a
+mode is overdamped: an oscillation at the step itself loses 40 % in each step, so a margin to the limit is enough."""
 
 MIN_CANDIDATES = 4096  # candidates, or bodies, that one thread alone examines as fast as two: some 0.2 ms
 

@@ -12,11 +12,6 @@ LINES = (
     "residual",
 )  # fmt: skip
 
-BOOKED = (
-    run_totals.DAMPING_WORK, run_totals.FRICTION_WORK, run_totals.PLATE_WORK, run_totals.EFFECT_WORK, run_totals.NUMERICAL_LOSS,
-)  # fmt: skip
-"""Totals of a run that are lines of the ledger as they are, `damping` to `numerical`."""
-
 Stored = tuple[float, float, float, float, float]
 
 
@@ -65,10 +60,12 @@ class Ledger:
         kinetic, normal, tangential, springs, direct = result or stored_energies(state)
         A = state.A
         gained = A[run_totals.PLATE_WORK] + A[run_totals.EFFECT_WORK]
+        damping, friction, numerical = A[run_totals.DAMPING_WORK], A[run_totals.FRICTION_WORK], A[run_totals.NUMERICAL_LOSS]
         spent = kinetic + normal + tangential + springs + direct - self.start
-        spent += A[run_totals.DAMPING_WORK] + A[run_totals.FRICTION_WORK] + A[run_totals.DIRECT_WORK]
-        spent += A[run_totals.NUMERICAL_LOSS]
-        values = kinetic, normal, tangential, *(A[k] for k in BOOKED), gained - spent
+        spent += damping + friction + A[run_totals.DIRECT_WORK]
+        spent += numerical
+        works = damping, friction, A[run_totals.PLATE_WORK], A[run_totals.EFFECT_WORK], numerical
+        values = kinetic, normal, tangential, *works, gained - spent
         lines = {name: float(value) for name, value in zip(LINES, values, strict=True)}
         if state.physics.loss:
             lines[state.physics.loss] = float(state.E[:, body_extra.NORMAL_LOSS].sum())

@@ -5,8 +5,6 @@ Bodies are advanced batch by batch, each by one of the threads. Only closed cont
 (`kernels.implicit.driver`). A clump of six spheres then takes 3.5 kB, not 7.4.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

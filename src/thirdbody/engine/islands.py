@@ -1,7 +1,5 @@
 """Islands: sets of bodies that could meet before the next search, connected by their candidates; each other body is one alone."""
 
-from __future__ import annotations
-
 import math
 import threading
 from dataclasses import dataclass
@@ -52,8 +50,7 @@ class ThreadScratch:
     def __init__(self) -> None:
         self._sizes, self._packers = (1, 1, 1, 1), {}  # type: tuple[int, ...], dict[int, Packer]
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Return the state of a copy: it makes its own scratch."""
+    def __getstate__(self) -> dict[str, Any]:  # a copy makes its own scratch
         return {"_sizes": self._sizes, "_packers": {}}
 
     def fit(self, sizes: tuple[int, ...]) -> None:

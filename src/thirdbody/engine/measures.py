@@ -1,12 +1,9 @@
 """Measures of a run, what contacts did, collected per body and over the surfaces of the plates; and labels of all bodies.
 
-Contacts sum what they do in columns behind their history, each by itself, so that threads share nothing. `collect` then adds the
-sums to the bodies and deposits them on the plates, in the order of the candidates: the same bits for any number of threads. A
-deposit lies where the contact is at that time. Explicit runs collect every `BUDGET` steps, at searches and at outputs; implicit
-ones, whose steps are long, after each step if there are maps.
+Contacts sum what they do in columns behind their history. `collect` adds the sums to the bodies and deposits them on the plates,
+in the order of the candidates: the same bits for any number of threads. Explicit runs collect every `BUDGET` steps, at searches
+and at outputs; implicit ones, whose steps are long, after each step if there are maps.
 """
-
-from __future__ import annotations
 
 from typing import Any
 

@@ -6,8 +6,6 @@ spheres that were no candidates may have touched, their islands go back to the s
 under a common plate all bodies do. So the result does not depend on how far bodies were expected to move.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -3,8 +3,6 @@
 Data that follow from the scene (shapes, laws, schedules) are not stored: the run is built from its scene, then restored.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any

@@ -63,8 +63,7 @@ class Packer:
         self.given: Any = None  # the last ones; they keep the tables alive
         self._packed = np.zeros(0, np.int64)
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Return the state of a copy: it packs its own tables."""
+    def __getstate__(self) -> dict[str, Any]:  # a copy packs its own tables
         return {"_specs": self._specs, "given": None, "_packed": np.zeros(0, np.int64)}
 
     def __call__(self, given: NamedTuple) -> np.ndarray:

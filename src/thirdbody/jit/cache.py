@@ -4,10 +4,9 @@ numba's cache notices a change only in the file of the compiled function itself,
 named by a hash of all sources can never serve stale machine code. Its code is executed, so only this user may be able to write
 there: a folder of another user is not used. Importing this module imports nothing heavy.
 
-numba assumes that its files are complete: a truncated index ends in a traceback, and altered machine code is executed. So each of
-them ends with a digest, and a damaged one is compiled anew. They are stamped with a hash of their source, not with its time: a
-copy of the cache, or of the program, compiles nothing. And numba tries another folder, next to the source, where it cannot write
-into ours; stale code could be loaded from there.
+numba assumes that its files are complete: so each of them ends with a digest, and a damaged one is compiled anew. They are
+stamped with a hash of their source, not with its time: a copy of the cache, or of the program, compiles nothing. And numba tries
+another folder, next to the source, where it cannot write into ours; stale code could be loaded from there.
 """
 
 import atexit

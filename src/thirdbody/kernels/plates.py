@@ -1,9 +1,7 @@
 """First bodies, between which the debris is: all that kernels know of them.
 
-A first body is named by the partner code of a candidate (`plates`), and with it the basin of the contact. For a sphere it has
-an overlap, a unit normal from the first body to the sphere, an effective radius and a surface velocity. The plane of the lower
-one is z = 0 and at rest, that of a patch of the upper one is at its height and looks down. Where both plates are flat, answers
-come from these planes, otherwise from the table of closest points (`surface_contact`), which must be up to date.
+The plane of the lower one is z = 0 and at rest, that of a patch of the upper one is at its height and looks down. Where both
+plates are flat, answers come from these planes, otherwise from the table of closest points, which must be up to date.
 
 The partner of a candidate is the number of a sphere, or a negative code of a first body and of the basin in which the sphere
 touches it: -1 - basin, the lower plate; -1 - (1 + p) BASINS - basin, patch p of the upper plate. A flat plate has basin 0 only.

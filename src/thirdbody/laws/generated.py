@@ -4,8 +4,6 @@ numba's own cache watches only the file of the compiled function, and compiles t
 number, a table that was read from a file, a function of another package. So the name must change with all of them.
 """
 
-from __future__ import annotations
-
 import ast
 import hashlib
 import os

@@ -103,8 +103,7 @@ ed. 2011, modulus-strength chart) has 0.001 to 0.01 for metals and about 0.01 an
 compression, ceramics: 0.01 is a hard metal, so a pressure above the assumed limit is above that of most metals too."""
 
 ELASTOMER = 1e8
-"""Young's modulus below which no yield strength is assumed [Pa]: elastomers (same chart) stay elastic to strains of 1 and
-more."""
+"""Young's modulus below which no yield strength is assumed [Pa]: elastomers (same chart) stay elastic to strains of 1 or more."""
 
 
 class YieldLimit(NamedTuple):

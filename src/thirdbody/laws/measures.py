@@ -5,8 +5,6 @@ collects them per contact, per body and, where an amount names a map, over the s
 step length depends on them: a run with measures has the bits of one without.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 

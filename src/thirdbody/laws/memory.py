@@ -6,11 +6,10 @@ equal force and equal energy. A shrinking contact area loses force only once it 
 fraction once, not in every cycle. With a uniform field, U = T^2/(4 G* a), this is the rescaled force of Thornton and Randall
 (1988), which assumes a uniform field after every step.
 
-Where load and shear swing together, two numbers lose a static force: one displacement cannot hold both what lies deep inside the
-contact area and what the last half swing has laid around it, and a merge of new slip takes from the core. So the area may have
-up to two closed rings, each with one displacement, and the open one around them, which merges new slip at equal force and energy.
-Closed rings take slip as it is. Where the area turns from shrinking to growing, the open ring is closed, and a new one begins
-outside; a ring too many merges the two neighbours whose merging loses least energy. Area lost is cut from outside.
+Where load and shear swing together, two numbers lose a static force: a merge of new slip takes from the core. So the area may
+have up to two closed rings, each with one displacement, and the open one around them, which merges new slip at equal force and
+energy. Closed rings take slip as it is. Where the area turns from shrinking to growing, the open ring is closed, and a new one
+begins outside; a ring too many merges the two neighbours whose merging loses least energy. Area lost is cut from outside.
 
 Widths of rings are measured in stiffness: of the ring between the radii b and a, 2 G* (a - b). So the sum of force = width
 displacement is the force, that of width displacement^2/2 the energy, and a spring of another stiffness has rings of its own. Slip

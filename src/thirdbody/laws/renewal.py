@@ -14,9 +14,8 @@ travel.
 Ground is fresh where the contact area has not been. A contact stores the offset of the contact area from the middle of the known
 ground, and its largest distance from there: only travel beyond counts, so a contact that sways by a nanometre stays on its ground
 after the first sway, and one that rolls on renews all. Assumption for a reversal: known ground extends one contact radius from
-its middle, which follows a contact area that rolls on. So after a long travel a contact area that reverses must travel back by
-its own diameter, from the point of reversal, before it renews again. Until then the loss is small in reality too, as the edge
-that is then trailing carries least. The offset is the mean of those over the two surfaces.
+its middle, which follows a contact area that rolls on. So a contact area that reverses must travel back by its own diameter
+before it renews again; the edge that is then trailing carries least. The offset is the mean of those over the two surfaces.
 
 Rate: steady rolling with the creep ds/dr = xi ends at T = 2 G* a^2 xi/rate. Kalker's linear theory of a circular contact has T =
 G a^2 C11 xi (Kalker, Three-dimensional elastic bodies in rolling contact, 1990), so rate = 2 (G*/G)/C11: 0.59 at nu = 0, 0.55 at

@@ -1,9 +1,8 @@
 """The contact pass: candidates -> overlaps -> tiles of the laws -> forces on bodies, group by group.
 
-A group is a fixed range of bodies, whatever the number of threads, with the candidates that its spheres own. It writes only to
-its own candidates, forces on its bodies (`body_force`) and row of `sums`; its contacts' forces on bodies of other groups
-go to F, and those groups add them in a fixed order. So the result has the same bits for any number of threads. Mispredicted
-branches cost more than all arithmetic, so overlaps are computed for all candidates first, and active ones are listed without one.
+A group is a fixed range of bodies with the candidates that its spheres own. It writes only to its own candidates, forces on its
+bodies and row of `sums`; forces on bodies of other groups go to F, and those groups add them in a fixed order: the same bits for
+any number of threads. Mispredicted branches cost more than all arithmetic, so active candidates are listed without one.
 
 The row of a body gets the forces of `body_force`, rows that stay in the cache, at the end, when its velocities predicted for the
 end of the step are no longer needed. `Context.force_rows`: the row of a body there, less its number, by group.

@@ -19,8 +19,7 @@ from thirdbody.kernels.step_tables import contact_sums, sphere_path, step_contac
 from thirdbody.kernels.tables import body, body_extra, patch, run_totals, sphere
 from thirdbody.kernels.tile import TILE, geometry, law_output
 
-ROUNDED = 1.001
-"""Length of the path of a sphere over the sum of its chords, an upper bound: a step turns a body by 0.05 rad at most."""
+ROUNDED = 1.001  # upper bound of the path of a sphere over the sum of its chords: a step turns a body by 0.05 rad at most
 
 STRAYED = 0.5 * math.sqrt(ROUNDED**2 - 1.0)
 """Largest distance of a path from its chord, over the chord: that of a path of this length, an ellipse at most."""

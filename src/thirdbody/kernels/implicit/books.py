@@ -46,8 +46,7 @@ MIN_CUT = 1e5  # shortest step cut for this error, in units of the shortest step
 
 GROWN = 0.75
 """Error of the tangential force of a contact whose radius changes within the step, over relative change of radius times friction
-limit times slip over critical slip: laws use the stiffness 2 G* a = 1.5 limit/critical at the end of the step, while the mean
-over the step would differ by half the change."""
+limit times slip over critical slip: laws use the stiffness 2 G* a = 1.5 limit/critical at the end of the step, not the mean."""
 
 CALM = 0.01
 """Largest dashpot work, as a fraction of the tangential work, for which forces count as continuous at a breakpoint."""

@@ -31,8 +31,7 @@ class StepLimit(IntEnum):
 
 
 TRAVEL = 0.12
-"""Largest displacement of a sphere relative to a rough plate in one step, in radii: minima of the distance are searched for after
-each step, in all directions."""
+"""Largest displacement of a sphere relative to a rough plate in a step, in radii: minima are searched for after each step."""
 
 OF_A_BODY = 4  # number of causes due to a body; the others are due to the scene
 CAUSES = tuple(limit.name.lower() for limit in StepLimit)  # names of the causes by code, as in `summary()`

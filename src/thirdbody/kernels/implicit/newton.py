@@ -24,8 +24,7 @@ from thirdbody.kernels.tile import TILE, geometry, law_input, law_output
 
 CONVERGED, ACCEPTED = 1e-9, 1e-6
 """Tolerances of the residual over the sum of all forces: for convergence, and where the iteration stagnates at corners of the
-laws. Where all contacts slip, only inertia resists, and the remaining residual moves the body: 1e-9 keeps that motion below the
-error of a step."""
+laws. Where all contacts slip, 1e-9 keeps the motion by the remaining residual below the error of a step."""
 
 ROUNDING = 1e-15  # relative rounding error of heights; its effect on the contact forces is not counted as residual
 

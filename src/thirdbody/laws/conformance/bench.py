@@ -4,8 +4,7 @@ Arrays are (T, TILE) or (T, k, TILE): one tile for each setting, times `repeats`
 materials, a radius and a set of options, from ordinary to extreme.
 
 A rolling law follows the same paths: its moment over R* is the tangential force, and the slip over R* is the rotation, so that
-work and power are the same and every test of a tangential law applies to a rolling law. A twisting law gets the first component
-of the slip alone.
+every test of a tangential law applies. A twisting law gets the first component of the slip alone.
 """
 
 import math

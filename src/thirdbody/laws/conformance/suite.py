@@ -95,8 +95,7 @@ def report(findings: Sequence[Finding]) -> str:
     rows += [("ok" if f.passed else "FAIL", f.law, f.test, f.detail) for f in sorted(findings, key=lambda f: f.passed)]
     widths = [max(len(row[k]) for row in rows) for k in range(3)]
     lines = ["  ".join([*(row[k].ljust(widths[k]) for k in range(3)), row[3]]).rstrip() for row in rows]
-    failed = sum(not f.passed for f in findings)
-    parts = len({f.law for f in findings})
+    failed, parts = sum(not f.passed for f in findings), len({f.law for f in findings})
     lines.append(f"{parts} {'part' if parts == 1 else 'parts'}, {len(findings)} tests, {failed} failed")
     return "\n".join(lines)
 
