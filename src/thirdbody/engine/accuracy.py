@@ -89,7 +89,6 @@ def in_words(steps: Array, order: np.ndarray) -> str:
 
 def created_fractions(totals: Array, stored: Array, whole: Array) -> tuple[Array, float]:
     """Return the energy created by the integrator (negative: lost) over the exchanged energy: of each body (n,), and of all.
-
     `totals`: (n, run_totals.WIDTH); `stored`: kinetic and elastic energy (n,) [J]; `whole`: totals of the run. A body exchanges
     the largest of: sum of |plate work increments|; |work of effects|; dissipated plus stored energy; at least NEGLIGIBLE times
     the mean."""

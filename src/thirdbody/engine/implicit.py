@@ -136,9 +136,7 @@ class Implicit:
     def advance_to(
         self, time: float = math.inf, distance: float = math.inf, watch: Action = lambda: None, between: Action = lambda: None
     ) -> None:
-        """Advance all bodies to a time [s] or a sliding distance [m], whichever comes first.
-
-        `watch` is called about every
+        """Advance all bodies to a time [s] or a sliding distance [m], whichever comes first. `watch` is called about every
         second; if all bodies share their steps, after a fixed number of steps, and `between` after all others. Raises GuardStop
         when a body leaves its valid range or no step converges; bodies stay at the times reached."""
         state, advance = self.state, self.meeting.advance_to if self.meeting else self.advance_all

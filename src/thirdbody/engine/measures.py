@@ -90,11 +90,9 @@ def map_densities(state: State) -> dict[str, Array]:
 
 
 def labels(state: State, drag: Array) -> Array:
-    """Return one row per body: state, reason, margins and extras (columns named by the labeller).
-
-    The labeller works on copies of its memory. `drag`: unit vector of the prescribed motion of the upper plate. Batches of an
-    ensemble are distributed over the threads; bodies do not see each other, so the bits are the same for any number.
-    """
+    """Return one row per body: state, reason, margins and extras (columns named by the labeller). The labeller works on copies of
+    its memory. `drag`: unit vector of the prescribed motion of the upper plate. Batches of an ensemble are distributed over the
+    threads; bodies do not see each other, so the bits are the same for any number."""
     out, slots, physics = np.zeros((state.n_bodies, state.physics.outputs)), state.slots, state.physics
     rows, labeller = slots.rows, (address(physics.observe, OBSERVE), address(physics.label, LABEL))
 

@@ -312,9 +312,7 @@ def effects(B, E, first, last, time, dt, parameters):
 
 
 def compose_effects(effects: Sequence[BodyEffect]) -> Callable:
-    """Compile the loop over bodies that applies these effects in order, each with its own parameters.
-
-    Effects that see forces
+    """Compile the loop over bodies that applies these effects in order, each with its own parameters. Effects that see forces
     come last, with the force of the contacts and the others, and the body after the closing half kick of these: else a force
     opposing the motion would make a body tremble instead of bringing it to rest. The end of settling [s] follows all parameters
     if any effect is for settling."""

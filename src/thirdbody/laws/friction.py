@@ -183,13 +183,11 @@ class RollingMindlinParameters(NamedTuple):
 
 @kernel
 def spring_of_area(c, load, p):
-    """T -= 2 G* a ds, scaled back onto mu N; T and the energy U are the history (`thirdbody.laws.memory`).
-
-    A decrease of the contact area releases force and energy of the lost area (Thornton and Randall 1988; Walton and Braun 1986);
-    a stored displacement instead would create energy (Elata and Berryman 1996). The spring belongs to the contact area, not to
-    the material under it: without renewal a contact that rolls on keeps its tangential force. In reality unstressed material
-    enters the contact, and the force decays over about two contact radii of travel.
-    """
+    """T -= 2 G* a ds, scaled back onto mu N; T and the energy U are the history (`thirdbody.laws.memory`). A decrease of the
+    contact area releases force and energy of the lost area (Thornton and Randall 1988; Walton and Braun 1986); a stored
+    displacement instead would create energy (Elata and Berryman 1996). The spring belongs to the contact area, not to the
+    material under it: without renewal a contact that rolls on keeps its tangential force. In reality unstressed material enters
+    the contact, and the force decays over about two contact radii of travel."""
     a = load.contact_radius
     rate = p.g_star * load.squared_radius_rate / max(a, 1e-300)
     return Elastic(2.0 * p.g_star * a, rate, p.mu * load.force, p.mu * load.stiffness, p.kappa * c.overlap, True)

@@ -39,12 +39,10 @@ def plain(function: Any) -> Any:
 
 
 def sources(functions: Iterable[Callable]) -> str:
-    """Return a digest of everything that these functions can depend on: source files, code and values.
-
-    The files: the whole package of the law, or the file of a one-file plug-in, and all modules that can be reached from there
-    through names (functions, classes, constants of a module, modules); of installed packages those with functions that the law
-    reaches. Of this engine only the modules that the law can reach count, not the whole package.
-    """
+    """Return a digest of everything that these functions can depend on: source files, code and values. The files: the whole
+    package of the law, or the file of a one-file plug-in, and all modules that can be reached from there through names
+    (functions, classes, constants of a module, modules); of installed packages those with functions that the law reaches. Of this
+    engine only the modules that the law can reach count, not the whole package."""
     functions = list(functions)
     reached = Reached(functions)
     defining = [getattr(sys.modules.get(name), "__file__", None) for name in reached.modules]

@@ -44,12 +44,10 @@ Retained = namedtuple("Retained", "x y x_rate y_rate")
 
 @kernel
 def limited(x_try, y_try, compliance, beyond, lost, limit):
-    """Spring returned to `limit` [N] from a trial force, and the fraction that is left of all its displacements.
-
-    `beyond` is X
-    = U - T^2/(2 k), the energy of the field in excess of a uniform one of the same force: slip leaves it unchanged, sliding at
-    the limit reduces it. `lost`: the energy before the step less the uniform one of what the area keeps. So the balance is exact:
-    U + (T'^2 - T^2)/(2 k) + L slip = U' + dissipated."""
+    """Spring returned to `limit` [N] from a trial force, and the fraction that is left of all its displacements. `beyond` is X =
+    U - T^2/(2 k), the energy of the field in excess of a uniform one of the same force: slip leaves it unchanged, sliding at the
+    limit reduces it. `lost`: the energy before the step less the uniform one of what the area keeps. So the balance is exact: U +
+    (T'^2 - T^2)/(2 k) + L slip = U' + dissipated."""
     size = math.sqrt(x_try * x_try + y_try * y_try)
     back = limit / max(size, max(limit, 1e-300))
     x, y = back * x_try, back * y_try

@@ -89,9 +89,8 @@ def contacts_of(I, q, roll_x, roll_y, moved):
 
 @njit(**BARE)
 def touch_fraction(c, ahead, U, q):
-    """Fraction that a step applies of a force that jumps at touch; `ahead`: overlap gained in the next step, if known [m].
-
-    Else its work is off by the force times up to half the path of the step: a ball that leaves with 1.01 of its energy. Velocity
+    """Fraction that a step applies of a force that jumps at touch; `ahead`: overlap gained in the next step, if known [m]. Else
+    its work is off by the force times up to half the path of the step: a ball that leaves with 1.01 of its energy. Velocity
     Verlet applies a force on half of the step before it and on half of the one after. Where bodies came into touch within the
     step before, it is the part overlap/moved of that one instead; where they will leave within the next one, overlap/-ahead of
     that. An implicit step applies its last force to all of it, and cannot look ahead."""

@@ -38,10 +38,8 @@ def contact_jacobian(n, arm, radius):
 
 @njit(**BARE)
 def add_stiffness(s, k, g):
-    """Add the stiffness of a contact with `contact_jacobian` g to the sum s:
-
-    J^T (k_t 1 + (k_n - k_t) n n^T) J + k_r (1 - n n^T) + k_w n n^T, J = (1, -[r]x): forces per displacement, moments per
-    rotation, forces per rotation."""
+    """Add the stiffness of a contact with `contact_jacobian` g to the sum s: J^T (k_t 1 + (k_n - k_t) n n^T) J + k_r (1 - n n^T)
+    + k_w n n^T, J = (1, -[r]x): forces per displacement, moments per rotation, forces per rotation."""
     d, t, r, one = broadcast_lane(k, 0), broadcast_lane(k, 1), broadcast_lane(k, 2), set4(1.0, 1.0, 1.0, 0.0)
     w = broadcast_lane(k, 3)
     return (
@@ -53,11 +51,9 @@ def add_stiffness(s, k, g):
 
 @njit(**BARE)
 def eigenvalue_upper_bound(s, u, v):
-    """Return an upper bound of `eigenvalue` of a sum over a mass >= 1/u and moments of inertia >= 1/v.
-
-    From the trace t and the Frobenius norm f: eigenvalues do not exceed l = t/6 + (5/6 (f^2 - t^2/6))^(1/2) (Wolkowicz and Styan
-    1980, theorem 2.1), so their powers sum to t l^15 at most; its root is concave in t, hence below its tangent at 3 l.
-    """
+    """Return an upper bound of `eigenvalue` of a sum over a mass >= 1/u and moments of inertia >= 1/v. From the trace t and the
+    Frobenius norm f: eigenvalues do not exceed l = t/6 + (5/6 (f^2 - t^2/6))^(1/2) (Wolkowicz and Styan 1980, theorem 2.1), so
+    their powers sum to t l^15 at most; its root is concave in t, hence below its tangent at 3 l."""
     two = broadcast(2.0)
     forces, moments = s[0] * s[0] + two * s[1] * s[1], s[2] * s[2] + two * s[3] * s[3]
     both = s[4] * s[4] + s[5] * s[5] + s[6] * s[6]

@@ -103,10 +103,8 @@ def curved_drag(context, b, motion, sums):
 @njit(**BARE)
 def update_ledger(context, b, motion, works, common, space):
     """Add the accepted step to the energy totals of the body. `works`: energy that its contacts store more than before, and that
-    their dashpots dissipate [J].
-
-    Each line is computed independently; their imbalance is the residual. The work of the forces
-    at the end of the step in excess of the energy stored and dissipated by the laws, and of the kinetic energy, is the numerical
+    their dashpots dissipate [J]. Each line is computed independently; their imbalance is the residual. The work of the forces at
+    the end of the step in excess of the energy stored and dissipated by the laws, and of the kinetic energy, is the numerical
     loss. Work and impulse of the plate, friction and dashpots are those of the mean of the forces at both ends or, where forces
     jump (`weight_of_old`), of those at its end; the difference is added to the numerical loss. With a `common` plate the
     body-plate forces are internal and do no external work. Without inertia bodies and patches have no kinetic energy."""

@@ -207,9 +207,7 @@ def loss_of_mean(q, before, context, tile):
 
 @entry(BOOK, **POINTED, **NO_COUNTS)
 def book_contacts(n, before, first, smooth, dt, context, tile):
-    """Write what friction and dashpots of the n contacts of a tile dissipate to DISSIPATED and DASHPOT_POWER [J].
-
-    `before`:
+    """Write what friction and dashpots of the n contacts of a tile dissipate to DISSIPATED and DASHPOT_POWER [J]. `before`:
     overlaps plus reach of the candidates from `first` on at the start of the step [m]. Where friction has ended unbooked, as the
     dashpot of a departing sphere cancelled its normal force, all that was stored is dissipated, as in a contact that opens. So is
     what a contact without normal force releases that is about to open."""

@@ -245,10 +245,8 @@ def add_planar(contact, J):
 
 @njit(**BARE)
 def add_plane(contact, context, J):
-    """Add a contact with a plane to the Jacobian of its body, J (7, 7), flat; moments change with rotation w and overlap d:
-
-    dM = M w + m dd        with dd = -n.(u + w x r)
-    """
+    """Add a contact with a plane to the Jacobian of its body, J (7, 7), flat; moments change with rotation w and overlap d: dM =
+    M w + m dd        with dd = -n.(u + w x r)"""
     add_planar(contact, J)
     if not has_moments(context):
         return

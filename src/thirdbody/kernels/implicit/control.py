@@ -158,9 +158,7 @@ def begin_step(context, b, displacement, motion, space):
 @njit(**BARE)
 def error_of_change(change, radius, ratio, V, dt):
     """Return the local error of a step over the tolerance, a fraction of `radius`, that of the largest contact. `change`: of a
-    velocity [m/s], beyond that of the last step, scaled.
-
-    Backward Euler: half the step length times the change. BDF2: 2/9 of
+    velocity [m/s], beyond that of the last step, scaled. Backward Euler: half the step length times the change. BDF2: 2/9 of
     that, which at equal steps is 2/9 of the third derivative times dt^3 (Hairer, Norsett and Wanner, III.2)."""
     fraction, allowed = 0.5 if ratio == 0.0 else 2.0 / 9.0, V[step_settings.TOLERANCE]
     if V[step_settings.INERTIAL] == 0.0:
