@@ -127,9 +127,7 @@ def _begin(names: tuple[str, ...], processes: int) -> None:
     queue, end = os.pipe()  # one byte per unit, removed by the process that reads it
     os.write(end, bytes(range(len(names))))
     os.close(end)
-    command, environment = [*python_command("thirdbody.engine.units"), *names], python_environment()
-    streams: Any = {"stdin": queue, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    _begun = names, queue, [subprocess.Popen(command, env=environment, **streams) for _ in range(processes)]
+    _begun = names, queue, [_helper(names, queue) for _ in range(processes)]
     atexit.register(_end)
     _optimise(cold=True)
 
@@ -145,6 +143,13 @@ def _end() -> None:
     for other in others:
         if other.poll() is None:
             other.terminate()
+
+
+def _helper(names: Sequence[str], queue: int) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [*python_command("thirdbody.engine.units"), *names], env=python_environment(),
+        stdin=queue, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
 
 
 def _optimise(cold: bool) -> None:

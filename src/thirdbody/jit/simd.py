@@ -138,19 +138,28 @@ def memory_code(count: int, result: Any, *others: Any) -> Callable[[Callable], A
     return declare
 
 
-def _load(builder: Any, pointer: Any) -> Any:
+@memory_code(2, four)
+def load(builder: Any, pointer: Any) -> Any:
+    """Load four numbers of row i of the table A from column c on: (A, i, c)."""
     return builder.load(builder.bitcast(pointer, _VECTOR.as_pointer()), align=8)
 
 
-def _store(builder: Any, pointer: Any, v: Any) -> None:
+@memory_code(2, types.void, four)
+def store(builder: Any, pointer: Any, v: Any) -> None:
+    """Store v into row i of the table A from column c on: (A, i, c, v)."""
     builder.store(v, builder.bitcast(pointer, _VECTOR.as_pointer()), align=8)
 
 
-load, get = memory_code(2, four)(_load), memory_code(1, four)(_load)
-"""load(A, i, c): four numbers of row i of a table from column c on; get(G, at): of a 1-D array from a place on."""
+@memory_code(1, four)
+def get(builder: Any, pointer: Any) -> Any:
+    """Load four numbers of a 1-D array from a place on: (G, at)."""
+    return builder.load(builder.bitcast(pointer, _VECTOR.as_pointer()), align=8)
 
-store, put = memory_code(2, types.void, four)(_store), memory_code(1, types.void, four)(_store)
-"""store(A, i, c, v), put(G, at, v): the same places are set to v."""
+
+@memory_code(1, types.void, four)
+def put(builder: Any, pointer: Any, v: Any) -> None:
+    """Store v into a 1-D array from a place on: (G, at, v)."""
+    builder.store(v, builder.bitcast(pointer, _VECTOR.as_pointer()), align=8)
 
 
 @code(four(types.float64))
