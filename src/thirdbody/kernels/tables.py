@@ -224,7 +224,7 @@ observed_body = Table(
 
 loaded_contact = Table(
     "C",
-    "a loaded contact of a body, as a labeller sees it, and then the labeller's memory of it",
+    "a loaded contact of a body, as a labeller sees it, then the labeller's memory of it",
     partner=number("", "what it is with: LOWER, UPPER, DEBRIS"),
     point=vector(3, "m", "contact point from the centre of mass"),
     normal=vector(3, "", "unit normal from the partner to the body"),
