@@ -86,10 +86,8 @@ class Neck(NamedTuple):
 
 @helper
 def cube_root(x):
-    """x^(1/3) for 1e-90 < x < 1e90 to round-off, without `pow`, so that a loop over contacts is vectorised.
-
-    1/3 = 1/4 + 1/16 + 1/64 + ...: square roots give it within a third; each of Halley's steps cubes the error.
-    """
+    """x^(1/3) for 1e-90 < x < 1e90 to round-off, without `pow`, so that a loop over contacts is vectorised. 1/3 = 1/4 + 1/16 +
+    1/64 + ...: square roots give it within a third; each of Halley's steps cubes the error."""
     fourth = math.sqrt(math.sqrt(x))
     sixteenth = math.sqrt(math.sqrt(fourth))
     of_64 = math.sqrt(math.sqrt(sixteenth))
@@ -103,12 +101,10 @@ def cube_root(x):
 
 @helper
 def root(excess):
-    """y of y^4 - 4 y + 3 = `excess` >= 0, the root that is at least 1, to round-off.
-
-    With y = 1 + t the equation is t^2 (t^2 + 4 t + 6) = `excess`: no cancellation where the neck breaks, t = 0. The start is
-    within 12 %, Halley's first step gives 0.12 %, the second 1.5e-9, the third 2e-16 (1e-30 < `excess` < 1e20).
-    The closed form of the quartic (Parteli et al. 2014, Sci. Rep. 4, 6227) loses half the digits there.
-    """
+    """y of y^4 - 4 y + 3 = `excess` >= 0, the root that is at least 1, to round-off. With y = 1 + t the equation is t^2 (t^2 + 4
+    t + 6) = `excess`: no cancellation where the neck breaks, t = 0. The start is within 12 %, Halley's first step gives 0.12 %,
+    the second 1.5e-9, the third 2e-16 (1e-30 < `excess` < 1e20). The closed form of the quartic (Parteli et al. 2014, Sci. Rep.
+    4, 6227) loses half the digits there."""
     r = math.sqrt(excess)
     start = r / (math.sqrt(6.0) + math.sqrt(r))
     t = r / math.sqrt((start + 4.0) * start + 6.0)
@@ -122,9 +118,7 @@ def root(excess):
 @helper
 def neck_since(overlap, before, radius, adhesion, pull, joined):
     """`Neck` at an overlap [m]. `adhesion`: w/E* [m]; `joined`: 1 if there was one before. It forms at touch, breaks at y = 1.
-
-    Where it breaks in this step, y is that of the overlap `before` it [m].
-    """
+    Where it breaks in this step, y is that of the overlap `before` it [m]."""
     scale = cube_root(math.pi / 8.0 * adhesion * radius * radius)
     per_overlap = radius / (scale * scale)
     still = joined if LONGEST + overlap * per_overlap > 0.0 else 0.0
@@ -135,13 +129,11 @@ def neck_since(overlap, before, radius, adhesion, pull, joined):
 
 @helper
 def force_of_a_jump(n, moved, forms, explicit, radius, e_star):
-    """Force [N] at the end of a step in which a neck forms or breaks, with which the work of the step is that of the neck.
-
-    That work W [J] is from touch to here, or from the last overlap with a neck to where it breaks; `moved` is the overlap that
-    came in the step [m]; `forms`: 1, or 0 where it breaks. An implicit step books its last force: F = W/`moved`. One of velocity
-    Verlet (`explicit` 1, else 0) books the mean of its forces at both ends, (F_0 + F)/2, and the next one F/2 more, so F that is
-    off by f changes the work by f times `moved`: F = W/`moved` + F_1/2 - F_0/2.
-    """
+    """Force [N] at the end of a step in which a neck forms or breaks, with which the work of the step is that of the neck. That
+    work W [J] is from touch to here, or from the last overlap with a neck to where it breaks; `moved` is the overlap that came in
+    the step [m]; `forms`: 1, or 0 where it breaks. An implicit step books its last force: F = W/`moved`. One of velocity Verlet
+    (`explicit` 1, else 0) books the mean of its forces at both ends, (F_0 + F)/2, and the next one F/2 more, so F that is off by
+    f changes the work by f times `moved`: F = W/`moved` + F_1/2 - F_0/2."""
     whole = Neck(n.scale, n.y, 1.0, n.pull)
     half, stored = 0.5 * explicit * force_of(whole, radius, e_star), stored_of(whole, radius, e_star)
     gained = stored + loss_of(n, radius, e_star)
@@ -180,10 +172,8 @@ def loss_of(n, radius, e_star):
 
 @helper
 def with_neck(c, p, adhesion, pull, h):
-    """Force, area and energy of the neck; what the jumps lose is booked as the neck forms.
-
-    adhesion: w/E* of the neck [m]; pull: constant one beside it [N]; h: whether there was a neck; what it lost [J].
-    """
+    """Force, area and energy of the neck; what the jumps lose is booked as the neck forms. adhesion: w/E* of the neck [m]; pull:
+    constant one beside it [N]; h: whether there was a neck; what it lost [J]."""
     n = neck_since(c.overlap, c.overlap - c.moved, c.radius, adhesion, pull, h[0])
     forms = n.joined * (1.0 - h[0])
     lost = forms * loss_of(n, c.radius, p.e_star)

@@ -23,10 +23,8 @@ class HeatParameters(NamedTuple):
 
 @kernel
 def flash_temperature(s, p):
-    """Return the temperature rise [K] for its mean, again for its maximum, and the Peclet number.
-
-    T = Q/(4 a (k_1 + k_2)): Holm 1948; Archard 1959, Wear 2, 438, Eq. 2 (slow); Q = T v is the power of the tangential force.
-    """
+    """Return the temperature rise [K] for its mean, again for its maximum, and the Peclet number. T = Q/(4 a (k_1 + k_2)): Holm
+    1948; Archard 1959, Wear 2, 438, Eq. 2 (slow); Q = T v is the power of the tangential force."""
     a = s.contact_radius
     excess = s.force * s.speed / (4.0 * a * p.conductivity) if a > 0.0 else 0.0
     return excess, excess, 0.5 * s.speed * a / p.diffusivity

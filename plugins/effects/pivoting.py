@@ -31,12 +31,10 @@ class PivotingParameters(NamedTuple):
 
 @kernel
 def pivoting(c, twist, load, p, h):
-    """M -= 16/3 G a^3 d(angle), scaled back onto 3 pi/16 mu N a; the moment M and its energy U are the history.
-
-    M and U give the stiffness M^2/(2 U) of the area that carries the moment: a contact area that has grown since takes nothing
-    over, one that shrinks below it releases its fraction of moment and energy. So no closed path makes energy, and a cycle of the
-    load releases once, not each time (as `mindlin` with its force).
-    """
+    """M -= 16/3 G a^3 d(angle), scaled back onto 3 pi/16 mu N a; the moment M and its energy U are the history. M and U give the
+    stiffness M^2/(2 U) of the area that carries the moment: a contact area that has grown since takes nothing over, one that
+    shrinks below it releases its fraction of moment and energy. So no closed path makes energy, and a cycle of the load releases
+    once, not each time (as `mindlin` with its force)."""
     old, energy = h
     a = load.contact_radius
     limit = p.limit * load.force * a

@@ -22,11 +22,8 @@ class WearParameters(NamedTuple):
 
 @kernel
 def wear(s, p):
-    """Return the volume that the body loses, that which the plate loses [m3], and the friction work [J].
-
-    Archard 1953, J. Appl. Phys. 24, 981, Eq. 4 with k = K/H; Fouvry, Kapsa and Vincent 1996, Wear 200, 186: volume by dissipated
-    energy.
-    """
+    """Return the volume that the body loses, that which the plate loses [m3], and the friction work [J]. Archard 1953, J. Appl.
+    Phys. 24, 981, Eq. 4 with k = K/H; Fouvry, Kapsa and Vincent 1996, Wear 200, 186: volume by dissipated energy."""
     done = s.friction_work if p.by_energy != 0.0 else s.load * s.slip
     return p.bodies * done, p.plates * done, s.friction_work
 

@@ -101,10 +101,8 @@ def static_margin(x: float, y: float, z: float, scale: float) -> float:
 
 @helper
 def determinacy(C: Array, n: int, observed: Array, a: float) -> float:
-    """Largest spread of a side's loaded spots along the drag over a, minus 1: positive if the body is held.
-
-    Without drag the spread in any horizontal direction counts.
-    """
+    """Largest spread of a side's loaded spots along the drag over a, minus 1: positive if the body is held. Without drag the
+    spread in any horizontal direction counts."""
     ex, ey = observed[observed_body.DRAG], observed[observed_body.DRAG + 1]
     widest = 0.0
     for i in range(n):
@@ -119,10 +117,8 @@ def determinacy(C: Array, n: int, observed: Array, a: float) -> float:
 
 @helper
 def rotation_margin(observed: Array, m: Array, pose: Posture, p: float, determinate: bool) -> float:
-    """Min of 1 - p/a, 1 - r/0.05 once a window closed, 1 - turn/0.5 if it is not held: <= 0 is rolling.
-
-    turn: fraction of the drag accommodated by rotation since the set of loaded spots last changed; 0 below 0.02 a.
-    """
+    """Min of 1 - p/a, 1 - r/0.05 once a window closed, 1 - turn/0.5 if it is not held: <= 0 is rolling. turn: fraction of the
+    drag accommodated by rotation since the set of loaded spots last changed; 0 below 0.02 a."""
     margin = 1.0 - p / pose[1]
     if m[memory.WINDOWS] > 0.0:
         margin = min(margin, 1.0 - m[memory.ROLL_RATIO] / EPS_ROLL)
@@ -175,11 +171,9 @@ def clear(m: Array, out: Array) -> None:
 @njit(error_model="numpy")
 def label(C: Array, n: int, observed: Array, m: Array, out: Array) -> None:
     """Write state, reason, MARGINS and EXTRAS of one body into `out` (OUTPUTS,), after `update_history` at the same instant.
-
     `sliding_side` is 0 none, 1 lower, 2 upper, 3 both; `rolled_distance` [m] grows when a window closes; `forecast` is 0 for a
-    body that can only roll, 1 can stick, 3 can stick or slide, 4 none (`forecast`), followed by its ratios. Read-only for
-    the memories. Every number is finite.
-    """
+    body that can only roll, 1 can stick, 3 can stick or slide, 4 none (`forecast`), followed by its ratios. Read-only for the
+    memories. Every number is finite."""
     clear(m, out)
     if n > 0:
         pose = support_of(C, n)

@@ -52,12 +52,10 @@ class ExactParameters(NamedTuple):
 
 @helper
 def step_of(c, load, p, h):
-    """Return the step of the springs (`FieldStep`), the fraction of slip that counts, `Ground` and `Renewal`.
-
-    The slip is multiplied by the fraction that remains in the springs while rolling renews them. A negative overlap before the
-    step removes the part of the slip before touch. The bound is kappa (d - q) N_total/N_Hertz, so that the whole contact slides
-    at mu times the load available to friction.
-    """
+    """Return the step of the springs (`FieldStep`), the fraction of slip that counts, `Ground` and `Renewal`. The slip is
+    multiplied by the fraction that remains in the springs while rolling renews them. A negative overlap before the step removes
+    the part of the slip before touch. The bound is kappa (d - q) N_total/N_Hertz, so that the whole contact slides at mu times
+    the load available to friction."""
     d, d_old = c.overlap, h[0]
     after = d / (d - d_old) if d_old < 0.0 else 1.0
     ground = moved_ground(c.roll_x, c.roll_y, load.contact_radius, h[4], h[5], h[6])
@@ -81,11 +79,9 @@ def rolled_field(w, n, retained, step):
 
 @helper
 def rotated_springs(w, n, w_new, step):
-    """Springs after one step that turns, from a field (w, n) or from springs.
-
-    Returns (number for the history, slip of the centre, loss/(2 G*)). Springs that all slid along one line become one straight
-    field again, if their loss in the step covers the energy of the field in excess of its means.
-    """
+    """Springs after one step that turns, from a field (w, n) or from springs. Returns (number for the history, slip of the
+    centre, loss/(2 G*)). Springs that all slid along one line become one straight field again, if their loss in the step covers
+    the energy of the field in excess of its means."""
     sx, sy, d_old, d, k = step
     loss = 0.0
     if n >= 0:
@@ -110,18 +106,13 @@ def rotated_springs(w, n, w_new, step):
 
 @kernel
 def exact(c, load, p, h, w, w_new):
-    """T = -2 G* int_0^a w dx, U = G* int_0^a |w|^2 dx.
-
-    `h` = (overlap before the step, nodes of the field, force, ground, nodes dropped for lack of space); instead of the number of
-    nodes, -1 minus the number of wide cells if there are springs. `w` is the field or the springs, displaced by the slip of i
-    relative to j.
-
-    Dissipated: by springs that slide, the mean of their bounds while sliding times their slip (exact at constant overlap, second
-    order in the step otherwise), and the energy released by rolling and by loss of contact area. None of these is a difference of
-    works, none is negative. The slip is that of the centre, which sticks while any spring does. Rolling: unstressed material
-    enters the contact area; the field is carried outward with the travel over fresh ground (`exact_springs`), at the rate of
-    Kalker's creep.
-    """
+    """T = -2 G* int_0^a w dx, U = G* int_0^a |w|^2 dx. `h` = (overlap before the step, nodes of the field, force, ground, nodes
+    dropped for lack of space); instead of the number of nodes, -1 minus the number of wide cells if there are springs. `w` is the
+    field or the springs, displaced by the slip of i relative to j. Dissipated: by springs that slide, the mean of their bounds
+    while sliding times their slip (exact at constant overlap, second order in the step otherwise), and the energy released by
+    rolling and by loss of contact area. None of these is a difference of works, none is negative. The slip is that of the centre,
+    which sticks while any spring does. Rolling: unstressed material enters the contact area; the field is carried outward with
+    the travel over fresh ground (`exact_springs`), at the rate of Kalker's creep."""
     limit, d = p.mu * load.force, c.overlap
     if not (d > 0.0 and load.contact_radius > 0.0 and load.elastic > 0.0):
         for i in range(len(w_new)):
@@ -164,11 +155,9 @@ def spring_at(w, n, q):
 
 @helper
 def spring_rates(w, n, rates, step, q):
-    """dw_x/ds_x, dw_x/ds_y, dw_y/ds_y, dw_x/dd, dw_y/dd of the spring at q after the step, from the field (w, n).
-
-    `rates` = (fraction of the slip that counts, its rate with the overlap; that of log `retained`, by which rolling has scaled
-    the field and carried it outward; that of the bound per compression).
-    """
+    """dw_x/ds_x, dw_x/ds_y, dw_y/ds_y, dw_x/dd, dw_y/dd of the spring at q after the step, from the field (w, n). `rates` =
+    (fraction of the slip that counts, its rate with the overlap; that of log `retained`, by which rolling has scaled the field
+    and carried it outward; that of the bound per compression)."""
     sx, sy, d_old, d, k = step
     after, after_rate, retained_rate, k_rate = rates
     x, y, slope_x, slope_y = spring_at(w, n, q)
@@ -224,10 +213,8 @@ def tangent_of_field(c, load, p, h, w):
 
 @helper
 def curved_tangent(c, load, p, h, w):
-    """Tangent by central differences of the step: consistent with it whatever happens within.
-
-    With the overlap the part of Hertz in the load goes as d^1.5, the contact radius as d^0.5, the total by its stiffness.
-    """
+    """Tangent by central differences of the step: consistent with it whatever happens within. With the overlap the part of Hertz
+    in the load goes as d^1.5, the contact radius as d^0.5, the total by its stiffness."""
     e_d, e_s = STEP * c.overlap, STEP * max(p.kappa, 1e-3) * c.overlap
     forces, w_new = np.empty((6, 2)), np.empty(len(w))
     for k in range(6):  # one call only: the law is inlined, and six copies take seconds more to compile
@@ -250,12 +237,9 @@ def curved_tangent(c, load, p, h, w):
 
 @kernel
 def exact_tangent(c, load, p, h, w):
-    """Consistent tangent of one step.
-
-    Along an axis in closed form: sticking springs follow the slip, others the bound. Ends of pieces move with the step, but the
-    field is continuous there, so they do not contribute: dT/ds is 2 G* times the radius of the stick area. Off an axis by
-    differences: there the step also adds and drops nodes, which changes the force.
-    """
+    """Consistent tangent of one step. Along an axis in closed form: sticking springs follow the slip, others the bound. Ends of
+    pieces move with the step, but the field is continuous there, so they do not contribute: dT/ds is 2 G* times the radius of the
+    stick area. Off an axis by differences: there the step also adds and drops nodes, which changes the force."""
     # without friction no spring holds, not even at rest
     if not (c.overlap > 0.0 and load.contact_radius > 0.0 and load.elastic > 0.0 and p.kappa * load.force > 0.0):
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0

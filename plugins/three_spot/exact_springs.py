@@ -129,11 +129,9 @@ def mean_bound(b_1, b_2):
 
 @helper
 def drag(x, y, b_0, b_1, e_x, e_y, length):
-    """Advance one spring through a straight slip of this length along e while its bound changes from b_0 to b_1.
-
-    Returns (x, y, energy lost over its stiffness, slip). It sticks until it reaches the bound, at the fraction t of the path, and
-    slides from there on. Energy: mean bound times slip, exact on a line and of second order otherwise.
-    """
+    """Advance one spring through a straight slip of this length along e while its bound changes from b_0 to b_1. Returns (x, y,
+    energy lost over its stiffness, slip). It sticks until it reaches the bound, at the fraction t of the path, and slides from
+    there on. Energy: mean bound times slip, exact on a line and of second order otherwise."""
     square = x * x + y * y
     size = math.sqrt(square)
     b_0 = max(b_0, size)
@@ -175,10 +173,8 @@ def drag(x, y, b_0, b_1, e_x, e_y, length):
 
 @helper
 def advance_springs(w, m, step):
-    """Advance the springs in place through one straight step.
-
-    Returns (new m, slip of the centre, loss/(2 G*), whether all slid along it). `step` as for `spring_field.advance_field`.
-    """
+    """Advance the springs in place through one straight step. Returns (new m, slip of the centre, loss/(2 G*), whether all slid
+    along it). `step` as for `spring_field.advance_field`."""
     sx, sy, d_old, d, k = step
     m, merged = fit_cells(w, m, math.sqrt(max(d_old, d)))
     n, loss = cells_of(w), 0.5 * merged
@@ -214,11 +210,9 @@ def advance_springs(w, m, step):
 
 @helper
 def carry_field(w, n, retained, ends, new):
-    """Write the field (w, n) carried outward by rolling; return its number of nodes. `new` needs space for two more nodes.
-
-    `ends` = (overlap before and after the step): zero beyond the larger one. If they differ, a node is placed at the first, as
-    springs beyond it touch within the step.
-    """
+    """Write the field (w, n) carried outward by rolling; return its number of nodes. `new` needs space for two more nodes. `ends`
+    = (overlap before and after the step): zero beyond the larger one. If they differ, a node is placed at the first, as springs
+    beyond it touch within the step."""
     d_old, d = ends
     stretch, end = 1.0 / (retained * retained), max(d_old, d)
     new[0], new[1], new[2] = 0.0, retained * w[1], retained * w[2]
@@ -277,11 +271,9 @@ def field_product(w, n, v, m):
 
 @helper
 def carry_springs(w, m, retained, overlap, new):
-    """Write the springs (w, m) carried outward by rolling, as means over the cells.
-
-    Zero beyond the larger `overlap` of the step. A cell holds the content of `retained` times its ends, so force is lost across
-    the edge only. That interval is no wider than any cell that it intersects: two at most.
-    """
+    """Write the springs (w, m) carried outward by rolling, as means over the cells. Zero beyond the larger `overlap` of the step.
+    A cell holds the content of `retained` times its ends, so force is lost across the edge only. That interval is no wider than
+    any cell that it intersects: two at most."""
     n, h = cells_of(w), w[0]
     new[0] = h
     for i in range(1, len(new)):  # a row of an even length has one number more than the cells need: history must not be undefined
@@ -300,12 +292,9 @@ def carry_springs(w, m, retained, overlap, new):
 
 @helper
 def renewal_loss(w, n, v, m, step, renewal, slip, slides):
-    """Energy released by rolling in the step, over G*.
-
-    Of the field (w, n), which is (v, m) when carried outward; springs: n negative. `slip` is that of the step, `step` as for
-    `advance_field`. Exact for a uniform field that sticks and for one that slides in one direction throughout, of
-    first order in the renewal of a step in between.
-    """
+    """Energy released by rolling in the step, over G*. Of the field (w, n), which is (v, m) when carried outward; springs: n
+    negative. `slip` is that of the step, `step` as for `advance_field`. Exact for a uniform field that sticks and for one that
+    slides in one direction throughout, of first order in the renewal of a step in between."""
     (s_x, s_y), retained, k, common = slip, renewal.retained, -n - 1, 0.0
     if n >= 0:
         x, y = field_force(w, n)

@@ -93,14 +93,11 @@ def corner_distance(corners: Array, n: int, chords: Array, m: int) -> float:
 def forecast(
     upper: Array, n_upper: int, lower: Array, n_lower: int, h: float, ex: float, ey: float
 ) -> tuple[float, float, float]:
-    """(mu_required, t_min, t_max) of a body between parallel plates, no weight.
-
-    `upper`, `lower` (>= n, >= 2): x, y of the loaded spots in their first rows and columns [m]; `h` distance of the sides [m];
-    (ex, ey) drag of the upper side, of any length. Sticking is possible iff mu >= mu_required, sliding along e iff t_min <= mu <=
-    t_max. Instead of errors: where the line of the drag misses {q - p}, t_min = inf, t_max = -inf, so that no mu lies between;
-    without a direction likewise, mu_required as usual; without spots on a side or h <= 0 both are impossible: (inf, inf, -inf).
-    Never NaN for finite input. Read-only.
-    """
+    """(mu_required, t_min, t_max) of a body between parallel plates, no weight. `upper`, `lower` (>= n, >= 2): x, y of the loaded
+    spots in their first rows and columns [m]; `h` distance of the sides [m]; (ex, ey) drag of the upper side, of any length.
+    Sticking is possible iff mu >= mu_required, sliding along e iff t_min <= mu <= t_max. Instead of errors: where the line of the
+    drag misses {q - p}, t_min = inf, t_max = -inf, so that no mu lies between; without a direction likewise, mu_required as
+    usual; without spots on a side or h <= 0 both are impossible: (inf, inf, -inf). Never NaN for finite input. Read-only."""
     if n_upper <= 0 or n_lower <= 0 or not h > 0.0:
         return math.inf, math.inf, -math.inf
     size = 0.0  # largest |q - p|
@@ -159,10 +156,8 @@ def side_positions(C: Array, n: int, side: int) -> Array:
 
 @helper
 def hull_corners(positions: Array) -> Array:
-    """(k, 2): corners of the convex hull of (m, 2) positions, by gift wrapping (Jarvis 1973).
-
-    What spots inside the hull can carry the corners can, too: same friction and height.
-    """
+    """(k, 2): corners of the convex hull of (m, 2) positions, by gift wrapping (Jarvis 1973). What spots inside the hull can
+    carry the corners can, too: same friction and height."""
     first = 0
     for i in range(len(positions)):
         if positions[i, 0] < positions[first, 0]:

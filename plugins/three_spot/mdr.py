@@ -73,19 +73,15 @@ def squares(rows, n, wide):
 
 @kernel
 def segment(new, grid, path, slip, bound, scratch):
-    """Advance the springs along one straight piece of the path; write those at its end into `new`.
-
-    Returns the heat of friction, the slip of the centre, and the sums of the new springs and of their squares, each times the
-    width of its cell. `scratch` (6 n,): the springs at the start of the piece, then the fractions that the limits leave (output),
-    and what the loops need; `grid` = (springs, wide cells, spacing^2/R), `path` = overlap before and after, `slip` along x and y.
-
-    The heat of a spring is int b |d(slip)| with its limit b [m2]: times the stiffness of a cell one spacing wide it is energy. A
-    spring slides from the point where it reaches the limit, at b_t; limit and displacement being linear in time, the mean of the
-    limit is that of b_t and its end. That is exact for a spring that moves along one line, reversing or not, and of second order
-    in the angle of a step otherwise. A spring that leaves the contact area slides before it does, as its limit falls to zero.
-
-    Two loops, the expensive one without branches or sums, so that the compiler vectorises it.
-    """
+    """Advance the springs along one straight piece of the path; write those at its end into `new`. Returns the heat of friction,
+    the slip of the centre, and the sums of the new springs and of their squares, each times the width of its cell. `scratch` (6
+    n,): the springs at the start of the piece, then the fractions that the limits leave (output), and what the loops need; `grid`
+    = (springs, wide cells, spacing^2/R), `path` = overlap before and after, `slip` along x and y. The heat of a spring is int b
+    |d(slip)| with its limit b [m2]: times the stiffness of a cell one spacing wide it is energy. A spring slides from the point
+    where it reaches the limit, at b_t; limit and displacement being linear in time, the mean of the limit is that of b_t and its
+    end. That is exact for a spring that moves along one line, reversing or not, and of second order in the angle of a step
+    otherwise. A spring that leaves the contact area slides before it does, as its limit falls to zero. Two loops, the expensive
+    one without branches or sums, so that the compiler vectorises it."""
     (n, wide, scale), (before, after), (slip_x, slip_y) = grid, path, slip
     inverse_change = 1.0 / max(abs(after - before), 1e-300)
     for i in range(n):
@@ -116,12 +112,10 @@ def segment(new, grid, path, slip, bound, scratch):
 
 @kernel
 def released_by_rolling(w, new, grid, before, roll, scratch):
-    """Return the energy that rolling releases in a step of one piece, of springs of unit stiffness.
-
-    `roll`: coefficients of spring times slip, of lost spring times slip, of slip squared, and the slip along x and y; `scratch`:
-    that of `segment` after it, with the springs w carried outward at first. Exact for uniform springs that stick and
-    for springs that slide in one direction throughout, of first order in the renewal of a step in between.
-    """
+    """Return the energy that rolling releases in a step of one piece, of springs of unit stiffness. `roll`: coefficients of
+    spring times slip, of lost spring times slip, of slip squared, and the slip along x and y; `scratch`: that of `segment` after
+    it, with the springs w carried outward at first. Exact for uniform springs that stick and for springs that slide in one
+    direction throughout, of first order in the renewal of a step in between."""
     (n, wide, scale), (mean, mixed, own, slip_x, slip_y) = grid, roll
     for i in range(n):
         slips = 1.0 if before > mean_gap(i, wide, scale) else 0.0

@@ -78,10 +78,8 @@ def merge(rows, count, n, wide):
 @helper
 def squares_lost(merges, n, spacing):
     """Reduction of the sum of squares (`sums` in `mdr`) of a field w = R d - x^2 by this number of merges during its growth [m4].
-
     Two narrow cells at the distance x lose (2 spacing x)^2/2. The sum of that over all x is cubic in the number of cells, the sum
-    over all doublings a geometric series.
-    """
+    over all doublings a geometric series."""
     doublings = merges // (n - 1)
     wide = float(merges - doublings * (n - 1))
     all_wide = n - 1.0
@@ -109,10 +107,8 @@ def source_of(i, n, wide, retained):
 
 @kernel
 def copied_behind_pad(w, rows, pad):
-    """Copy the springs w (2 n,) behind `rows[pad]`, where every one has a neighbour; return where x and y begin.
-
-    The neighbours of the innermost springs have no weight.
-    """
+    """Copy the springs w (2 n,) behind `rows[pad]`, where every one has a neighbour; return where x and y begin. The neighbours
+    of the innermost springs have no weight."""
     rows[pad] = 0.0
     for i in range(len(w)):
         rows[pad + 1 + i] = w[i]
@@ -122,10 +118,8 @@ def copied_behind_pad(w, rows, pad):
 @kernel
 def carry(w, rows, grid, overlap, retained):
     """Write the springs w (2 n,) carried outward by rolling into rows[: 2 n], as means over the cells; zero beyond `overlap`.
-
     `rows` (4 n + 1,) is scratch otherwise; `grid` = (springs, wide cells, spacing^2/R). A cell holds the content of the interval
-    of `retained` times its ends, so force is lost across the edge only.
-    """
+    of `retained` times its ends, so force is lost across the edge only."""
     n, wide, scale = grid
     if retained == 1.0:
         for i in range(2 * n):
@@ -148,10 +142,8 @@ def carry(w, rows, grid, overlap, retained):
 
 @kernel
 def carry_with_rates(w, rows, grid, overlap, renewal):
-    """Do it, and write the derivatives of the carried springs by the overlap behind them, rows[2 n : 4 n].
-
-    `rows` (6 n + 1,) is scratch otherwise; `renewal` = fraction retained, and its derivative by the overlap [1/m].
-    """
+    """Do it, and write the derivatives of the carried springs by the overlap behind them, rows[2 n : 4 n]. `rows` (6 n + 1,) is
+    scratch otherwise; `renewal` = fraction retained, and its derivative by the overlap [1/m]."""
     (n, wide, scale), (retained, rate) = grid, renewal
     if retained == 1.0:
         for i in range(2 * n):
@@ -179,13 +171,11 @@ def carry_with_rates(w, rows, grid, overlap, renewal):
 
 @kernel
 def advance_rows(rows, grid, path, slip, ends):
-    """Advance the springs along one straight piece of the path as the law does, and their derivatives.
-
-    `rows` (8 n,): springs and derivatives at the start, then at the end of the piece; `grid` = (springs, wide cells,
-    spacing^2/R), `path` = overlap before and after, `slip` = slip of the step along x and y, the fraction of it in this piece,
-    and its rate with the overlap; `ends` = limit of a spring per compression, its rate, and 1.0 where the overlap after is that
-    at the end of the step, 0.0 where springs merge. Without branches, and row by row, so that the compiler vectorises it.
-    """
+    """Advance the springs along one straight piece of the path as the law does, and their derivatives. `rows` (8 n,): springs and
+    derivatives at the start, then at the end of the piece; `grid` = (springs, wide cells, spacing^2/R), `path` = overlap before
+    and after, `slip` = slip of the step along x and y, the fraction of it in this piece, and its rate with the overlap; `ends` =
+    limit of a spring per compression, its rate, and 1.0 where the overlap after is that at the end of the step, 0.0 where springs
+    merge. Without branches, and row by row, so that the compiler vectorises it."""
     (n, wide, scale), (before, after) = grid, path
     (slip_x, slip_y, portion, portion_rate), (bound, bound_rate, moves) = slip, ends
     inverse_change = 1.0 / max(after - before, 1e-300)
@@ -215,9 +205,7 @@ def advance_rows(rows, grid, path, slip, ends):
 @kernel
 def sums_of_one_piece(rows, grid, path, slip, ends):
     """Sums over the springs, times the width of their cell, of their derivatives: `advance_rows` in half the time for one piece.
-
-    Before the step no spring depends on the slip: the matrices are those of the radial return of the unit matrix.
-    """
+    Before the step no spring depends on the slip: the matrices are those of the radial return of the unit matrix."""
     (n, wide, scale), (before, after) = grid, path
     (slip_x, slip_y, portion, portion_rate), (bound, bound_rate) = slip, ends
     inverse_change = 1.0 / max(after - before, 1e-300)
@@ -248,11 +236,9 @@ def sums_of_one_piece(rows, grid, path, slip, ends):
 
 @kernel
 def springs_tangent(c, load, p, h, w):
-    """Consistent tangent of one step of `springs`, including springs that stick, slip, touch or merge within it.
-
-    The normal force is that of Hertz: the elastic part goes as d^1.5, the contact radius as d^0.5; `load.stiffness` is the rate
-    of the load available to friction.
-    """
+    """Consistent tangent of one step of `springs`, including springs that stick, slip, touch or merge within it. The normal force
+    is that of Hertz: the elastic part goes as d^1.5, the contact radius as d^0.5; `load.stiffness` is the rate of the load
+    available to friction."""
     before, n = h[0], len(w) // 2
     merges = int(h[1]) if before > 0.0 else merges_for(c.overlap, n, c.radius)
     path_over_ground = moved_ground(c.roll_x, c.roll_y, load.contact_radius, h[4], h[5], h[6]).path

@@ -140,11 +140,9 @@ def history_ends(C: Array, n: int, observed: Array, m: Array, pose: Posture, ste
 
 @helper
 def finish_window(C: Array, n: int, observed: Array, m: Array, pose: Posture, rotation: Triple, complete: bool) -> None:
-    """End the window and start the next; store its ratios if it is complete, else clear all.
-
-    Adds the length rolled in it, rotation about in-plane axes times D/2, unless the rotation was elastic; for a body that was
-    free for a time the rotation during that time is excluded.
-    """
+    """End the window and start the next; store its ratios if it is complete, else clear all. Adds the length rolled in it,
+    rotation about in-plane axes times D/2, unless the rotation was elastic; for a body that was free for a time the rotation
+    during that time is excluded."""
     a = pose[1]
     tilt, twist = split(rotation, pose[3], pose[4], pose[5])
     travel = max(m[memory.TRAVEL], WINDOW * a)  # shorter only if closed by a rotation of 1 rad
@@ -172,12 +170,9 @@ def finish_window(C: Array, n: int, observed: Array, m: Array, pose: Posture, ro
 
 @njit(error_model="numpy")
 def update_history(C: Array, n: int, observed: Array, m: Array) -> None:
-    """Update the memory `m` of a body and that of its loaded contacts `C[:n]` to the present instant.
-
-    `C` (n or more rows, `loaded_contact` and `noted`), `observed` (`observed_body`), `m` (`memory`): as in the
-    contract of labellers. Must be called for unloaded bodies, too (n = 0). The memory of a contact between two debris must be
-    stored once for each of them.
-    """
+    """Update the memory `m` of a body and that of its loaded contacts `C[:n]` to the present instant. `C` (n or more rows,
+    `loaded_contact` and `noted`), `observed` (`observed_body`), `m` (`memory`): as in the contract of labellers. Must be called
+    for unloaded bodies, too (n = 0). The memory of a contact between two debris must be stored once for each of them."""
     landed = m[memory.LOADED_COUNT] == 0.0
     broke = note_plates(observed, m)
     note_spots(C, n, observed, m)

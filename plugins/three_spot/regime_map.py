@@ -76,10 +76,8 @@ def _dragged(x_1: float, half_width: float, mu: float) -> Result:
 
 
 def _regime(result: Result) -> str | None:
-    """Rolling if it is not held even at rest, sliding if it ends so, sticking if it tips during the drag; None if undecided.
-
-    It tips when a spot lifts off: from then on two spots carry it.
-    """
+    """Rolling if it is not held even at rest, sliding if it ends so, sticking if it tips during the drag; None if undecided. It
+    tips when a spot lifts off: from then on two spots carry it."""
     if result.stopped is not None and result.stopped.label != "rolling":
         return None
     if not result.points or result.points[0].label == "rolling":
@@ -91,10 +89,8 @@ def _regime(result: Result) -> str | None:
 
 
 def map_numbers(big_h: float, half_width: float, count: int = 9) -> dict[str, Any]:
-    """Return the values of the map at `count` stations per axis, for JSON.
-
-    zeta_3[zeta_2][n_2], and the limits of mu over x_1/h.
-    """
+    """Return the values of the map at `count` stations per axis, for JSON. zeta_3[zeta_2][n_2], and the limits of mu over
+    x_1/h."""
     n_2, zeta_2 = np.linspace(0.1, 0.9, count), np.linspace(*ZETA_2, count)
     positions = np.linspace(*_position_range(half_width), count)
     zeta_3 = conditions.third_spot_position(n_2, zeta_2[:, None], big_h)

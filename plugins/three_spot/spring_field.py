@@ -122,13 +122,10 @@ def release_energy(w, j):
 
 @helper
 def thin(w, n):
-    """Drop the node whose loss changes the field least; return the new number of nodes.
-
-    Measure: the area between the old and the new line as if the two pieces were chords of a smooth curve, |slope change| times
-    length squared. The area itself would let a long last piece absorb any number of short new ones unnoticed. Where the new chord
-    holds more energy than the two pieces, the whole field shrinks to its projection: int w_new.(w_old - w_new) >= 0 prevents a
-    step from creating energy.
-    """
+    """Drop the node whose loss changes the field least; return the new number of nodes. Measure: the area between the old and the
+    new line as if the two pieces were chords of a smooth curve, |slope change| times length squared. The area itself would let a
+    long last piece absorb any number of short new ones unnoticed. Where the new chord holds more energy than the two pieces, the
+    whole field shrinks to its projection: int w_new.(w_old - w_new) >= 0 prevents a step from creating energy."""
     best, minimum = 3, math.inf
     for j in range(3, 3 * n - 3, 3):
         l_1, l_2 = w[j] - w[j - 3], w[j + 3] - w[j]
@@ -174,11 +171,9 @@ def crossing(ax, ay, b_a, bx, by, b_b, t):
 
 @helper
 def slip_loss(q, size, x, y, step):
-    """Energy lost by a spring that slides in the step, over 2 G* dy: mean bound while it slides times the distance.
-
-    `size` = |w| of the trial, (x, y) its vector. Bound and trial move on straight lines in time, so the spring begins to slide
-    after the fraction t of the step, at the bound b_t.
-    """
+    """Energy lost by a spring that slides in the step, over 2 G* dy: mean bound while it slides times the distance. `size` = |w|
+    of the trial, (x, y) its vector. Bound and trial move on straight lines in time, so the spring begins to slide after the
+    fraction t of the step, at the bound b_t."""
     sx, sy, d_old, d, k = step
     touched = 1.0 if q <= d_old or d <= d_old else (d - q) / (d - d_old)
     x_0, y_0 = x - touched * sx, y - touched * sy
@@ -192,11 +187,9 @@ def slip_loss(q, size, x, y, step):
 
 @helper
 def slide(new, n, a, b, step):
-    """Return the springs of a trial piece from node a to b beyond the bound onto it.
-
-    Returns (nodes, energy lost over 2 G*, whether they turn). A rotation counts by its effect on the force: by the part of the
-    ends, or of the slip, across the springs.
-    """
+    """Return the springs of a trial piece from node a to b beyond the bound onto it. Returns (nodes, energy lost over 2 G*,
+    whether they turn). A rotation counts by its effect on the force: by the part of the ends, or of the slip, across the
+    springs."""
     (q_a, ax, ay), (q_b, bx, by), (sx, sy, _, d, k) = a, b, step
     length = q_b - q_a
     h, _ = piece_mean(q_a, q_b)
@@ -216,11 +209,8 @@ def slide(new, n, a, b, step):
 
 @helper
 def span(new, n, a, b, step):
-    """Transfer one piece of the trial field, from node a, excluded, to b.
-
-    It is unchanged where it sticks, and goes onto the bound where it slides. Returns (nodes, energy lost over 2 G*, whether it
-    turned).
-    """
+    """Transfer one piece of the trial field, from node a, excluded, to b. It is unchanged where it sticks, and goes onto the
+    bound where it slides. Returns (nodes, energy lost over 2 G*, whether it turned)."""
     (q_a, ax, ay), (q_b, bx, by), d, k = a, b, step.overlap, step.bound
     b_a, b_b = k * (d - q_a), k * (d - q_b)
     a_out = ax * ax + ay * ay > b_a * b_a * (1.0 + ROUNDING)
@@ -249,14 +239,12 @@ def span(new, n, a, b, step):
 
 @helper
 def advance_field(w, n, new, step):
-    """Compute the field `new` after one step from (w, n).
-
-    (w, n) may have been carried beyond the old overlap by rolling (`exact_springs`). Returns (nodes, slip of the centre, loss/(2
-    G*), nodes dropped for lack of space, whether sliding springs turn). In the last case the result is not a field: see
-    `exact_springs`. `step`: a `FieldStep`. Every spring receives the fraction of the slip during which it touched, then returns
-    radially onto |w| <= k (d - q). In one direction this is exact for a straight path of overlap and slip of any length. Source:
-    Popov and Hess 2015; its 1-D case is the memory diagram of Aleshin, Bou Matar and Van Den Abeele 2015.
-    """
+    """Compute the field `new` after one step from (w, n). (w, n) may have been carried beyond the old overlap by rolling
+    (`exact_springs`). Returns (nodes, slip of the centre, loss/(2 G*), nodes dropped for lack of space, whether sliding springs
+    turn). In the last case the result is not a field: see `exact_springs`. `step`: a `FieldStep`. Every spring receives the
+    fraction of the slip during which it touched, then returns radially onto |w| <= k (d - q). In one direction this is exact for
+    a straight path of overlap and slip of any length. Source: Popov and Hess 2015; its 1-D case is the memory diagram of Aleshin,
+    Bou Matar and Van Den Abeele 2015."""
     sx, sy, d_old, d, k = step
     inverse_change = 1.0 / (d - d_old) if d > d_old else 0.0
     x, y, q = sx, sy, 0.0

@@ -206,10 +206,8 @@ def rotation_since(observed: Array, m: Array, k: int) -> Triple:
 
 @helper
 def has_rotated(observed: Array, m: Array, k: int, cosine_of_half: float) -> bool:
-    """Return whether the body has rotated beyond an angle since the orientation stored at m[k:k+4].
-
-    `cosine_of_half`: cosine of half that angle, which the scalar part of the rotation between two unit quaternions is.
-    """
+    """Return whether the body has rotated beyond an angle since the orientation stored at m[k:k+4]. `cosine_of_half`: cosine of
+    half that angle, which the scalar part of the rotation between two unit quaternions is."""
     product = 0.0
     for i in range(4):
         product += observed[observed_body.QUATERNION + i] * m[k + i]

@@ -77,11 +77,9 @@ def optimise(tableau: Array, basis: Array) -> bool:
 
 @helper
 def find_feasible(tableau: Array, basis: Array, residual: float) -> bool:
-    """Phase one: return whether A x = b has a solution x >= 0, up to a sum of |A x - b| of at most `residual`.
-
-    `tableau` (m + 1, n + 1) holds A in its first rows and b in its last column; on return it is at a solution, its last row for
-    reduced costs. `basis` (m,) is written: column of each row; n and above mean a redundant row.
-    """
+    """Phase one: return whether A x = b has a solution x >= 0, up to a sum of |A x - b| of at most `residual`. `tableau` (m + 1,
+    n + 1) holds A in its first rows and b in its last column; on return it is at a solution, its last row for reduced costs.
+    `basis` (m,) is written: column of each row; n and above mean a redundant row."""
     m, n = tableau.shape[0] - 1, tableau.shape[1] - 1
     for j in range(n + 1):
         tableau[m, j] = 0.0
@@ -112,10 +110,8 @@ def find_feasible(tableau: Array, basis: Array, residual: float) -> bool:
 
 @helper
 def minimise(tableau: Array, basis: Array, sign: float) -> float:
-    """Minimum of `sign` (x[0] - x[1]), a free variable, from a feasible tableau; -inf if unbounded.
-
-    On return the tableau is at the optimum.
-    """
+    """Minimum of `sign` (x[0] - x[1]), a free variable, from a feasible tableau; -inf if unbounded. On return the tableau is at
+    the optimum."""
     m, n = tableau.shape[0] - 1, tableau.shape[1] - 1
     for j in range(n + 1):
         tableau[m, j] = 0.0
@@ -147,9 +143,7 @@ def body_size(upper: Array, lower: Array, heights: Pair) -> float:
 @helper
 def can_balance(upper: Array, lower: Array, heights: Pair, wrench: Array, frictions: Pair) -> bool:
     """Return whether forces inside the friction cones balance the wrench. Lengths over a size, wrench over the upper side's load.
-
-    A column per edge of a spot's pyramid: force x, y, z and moment x, y, z per normal force; the last row is the load.
-    """
+    A column per edge of a spot's pyramid: force x, y, z and moment x, y, z per normal force; the last row is the load."""
     n, m = upper.shape[0], lower.shape[0]
     A = np.zeros((8, EDGES * (n + m) + 1))
     for i in range(n + m):
@@ -170,10 +164,8 @@ def can_balance(upper: Array, lower: Array, heights: Pair, wrench: Array, fricti
 
 @helper
 def required_scale(upper: Array, lower: Array, heights: Pair, wrench: Array, frictions: Pair) -> float:
-    """Smallest scale of the frictions with which the body can stick; inf beyond `LARGEST`.
-
-    At most 1 exactly if `can_balance` at 1.
-    """
+    """Smallest scale of the frictions with which the body can stick; inf beyond `LARGEST`. At most 1 exactly if `can_balance` at
+    1."""
     if can_balance(upper, lower, heights, wrench, (0.0, 0.0)):
         return 0.0
     low, high = 0.0, 1.0
@@ -192,14 +184,12 @@ def required_scale(upper: Array, lower: Array, heights: Pair, wrench: Array, fri
 
 @helper
 def sliding_range(slider: Array, holder: Array, heights: Pair, wrench: Array, frictions: Pair, drag: Pair) -> Pair:
-    """(low, high): friction of the slider with which it can slide while the holder sticks; (inf, -inf) if none.
-
-    For a slider above; `drag` is the unit direction in which its plate moves relative to the holder's plate. Divided by the
-    friction t of the slider, the tangential balance is linear in t, the normal forces and the holder's tangential forces over t:
-    two programmes give the ends. The friction of the holder scales with t, and so do horizontal force and vertical moment of the
-    body: the result at the given frictions is exact, the ends are exact for a wrench without these. Columns: t, -t, the slider's
-    spots, the edges of the holder's pyramids (one of them along the drag).
-    """
+    """(low, high): friction of the slider with which it can slide while the holder sticks; (inf, -inf) if none. For a slider
+    above; `drag` is the unit direction in which its plate moves relative to the holder's plate. Divided by the friction t of the
+    slider, the tangential balance is linear in t, the normal forces and the holder's tangential forces over t: two programmes
+    give the ends. The friction of the holder scales with t, and so do horizontal force and vertical moment of the body: the
+    result at the given frictions is exact, the ends are exact for a wrench without these. Columns: t, -t, the slider's spots, the
+    edges of the holder's pyramids (one of them along the drag)."""
     n, m, e_x, e_y = slider.shape[0], holder.shape[0], drag[0], drag[1]
     over = 1.0 / frictions[0] if frictions[0] > 0.0 else 0.0
     grip = frictions[1] * over if frictions[0] > 0.0 else 1.0
@@ -231,11 +221,9 @@ def sliding_range(slider: Array, holder: Array, heights: Pair, wrench: Array, fr
 def weighted_forecast(
     upper: Array, lower: Array, heights: Pair, wrench: Array, load: float, frictions: Pair, drag: Pair
 ) -> tuple[float, float, float]:
-    """(mu_required, t_min, t_max) as of `forecast`, in terms of the smaller friction (the other one scales with it).
-
-    Sticking is possible iff that friction is at least mu_required, sliding along the drag iff it lies between t_min and t_max.
-    `upper`, `lower` and `wrench` are overwritten.
-    """
+    """(mu_required, t_min, t_max) as of `forecast`, in terms of the smaller friction (the other one scales with it). Sticking is
+    possible iff that friction is at least mu_required, sliding along the drag iff it lies between t_min and t_max. `upper`,
+    `lower` and `wrench` are overwritten."""
     size = body_size(upper, lower, heights)
     for side in (upper, lower):
         for i in range(side.shape[0]):

@@ -25,11 +25,11 @@ from thirdbody.engine.neighbours import search
 from thirdbody.jit import threads as jit_threads
 from thirdbody.jit.threads import allow_threads, allowed_threads
 from thirdbody.kernels import schedule
-from thirdbody.kernels.arguments import WORK, context_of
+from thirdbody.kernels.arguments import RUN_GROUPS, context_of
 from thirdbody.kernels.bodies import BODIES
 from thirdbody.kernels.explicit import step_loop
 from thirdbody.kernels.explicit.contact_forces import GROUP
-from thirdbody.kernels.explicit.passes import work
+from thirdbody.kernels.explicit.passes import run_groups
 from thirdbody.kernels.rolling_kinematics import MOMENTS, TWIST
 from thirdbody.kernels.tables import body, body_extra, contact_state, orientation, patch, record, run_totals, sphere
 from thirdbody.kernels.tile import TILE
@@ -233,9 +233,9 @@ def test_nothing_is_farther_from_the_last_search_than_the_engine_thinks(name):
 
 
 def work_from_the_last():
-    from_the_first = work.compiled()
+    from_the_first = run_groups.compiled()
 
-    @numba.njit(WORK, error_model="numpy")
+    @numba.njit(RUN_GROUPS, error_model="numpy")
     def turned_round(task, part, begin, end, step, packed):
         groups = context_of(packed).lowest.shape[0]
         from_the_first(task, part, groups - end, groups - begin, step, packed)
@@ -246,7 +246,7 @@ def work_from_the_last():
 @SLOW
 def test_the_order_of_parts_does_not_matter(two_threads, monkeypatch):
     """Threads that wait for each other by luck only would pass the tests of two threads."""
-    monkeypatch.setattr(explicit, "work", work_from_the_last())
+    monkeypatch.setattr(explicit, "run_groups", work_from_the_last())
     assert differing_bits(engine_alone("swarm"), both("swarm").engine) == set()
 
 

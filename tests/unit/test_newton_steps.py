@@ -8,7 +8,7 @@ import pytest
 from numba import njit
 
 from thirdbody.kernels.implicit import jacobian, newton
-from thirdbody.kernels.implicit.contact import NOWHERE, ZERO_TENSOR, Contact, Side, add_planar
+from thirdbody.kernels.implicit.contact import NOWHERE, ZERO_TENSOR, ContactOfSides, Side, add_planar
 from thirdbody.kernels.implicit.jacobian import add_curved
 from thirdbody.kernels.step_tables import step_start
 from thirdbody.kernels.tables import sphere
@@ -99,7 +99,7 @@ def random_contact(seed, upper):
     force = tuple((rng.normal() * n).tolist())
     tangent = tuple(rng.normal(size=7).tolist())
     owner = Side(0, -1, 1.0, tuple(centre.tolist()), tuple(point.tolist()), 1.0)
-    return Contact(
+    return ContactOfSides(
         owner, Side(-1, 6 if upper else -1, 1.0, NOWHERE, NOWHERE, 0.0), frame, force, NOWHERE, (0.3, 0.0, 0.0), tangent,
         ZERO_TENSOR, (0.0, 0.0), ZERO_TENSOR, 1.0, 1.0, NOWHERE, ZERO_TENSOR,
     )  # fmt: skip

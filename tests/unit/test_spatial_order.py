@@ -14,7 +14,7 @@ from thirdbody.assembly.simulation import build
 from thirdbody.engine import explicit, neighbours
 from thirdbody.engine.meeting import may_have_touched
 from thirdbody.engine.neighbours import remote_rows
-from thirdbody.engine.placed import FEWEST, in_columns
+from thirdbody.engine.placed import ONE_GROUP, in_columns
 from thirdbody.engine.state import orientations
 from thirdbody.kernels.bodies import BODIES
 from thirdbody.kernels.explicit.contact_forces import GROUP
@@ -39,14 +39,14 @@ def share_within_groups(positions, order):
 
 
 def test_every_body_has_one_place_that_depends_on_the_bodies_alone():
-    for count in (0, 1, FEWEST, FEWEST + 1, 3000):
+    for count in (0, 1, ONE_GROUP, ONE_GROUP + 1, 3000):
         order = in_columns(debris(count), DIAMETER)
         assert np.array_equal(np.sort(order), np.arange(count))
-        assert (count > FEWEST) != np.array_equal(order, np.arange(count))  # the bodies of one group stay as they are
-    bodies = debris(2 * FEWEST)
+        assert (count > ONE_GROUP) != np.array_equal(order, np.arange(count))  # the bodies of one group stay as they are
+    bodies = debris(2 * ONE_GROUP)
     bodies[7] = 1e6, 1e6, 0.0  # very far away: the last
     order = in_columns(bodies, DIAMETER)
-    assert np.array_equal(np.sort(order), np.arange(2 * FEWEST)) and order[-1] == 7
+    assert np.array_equal(np.sort(order), np.arange(2 * ONE_GROUP)) and order[-1] == 7
     # the same for the same bodies however they are reported
     bodies = debris(3000)
     order = in_columns(bodies, DIAMETER)

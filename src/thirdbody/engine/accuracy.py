@@ -29,22 +29,17 @@ contact between bodies that begins to slide is labelled late."""
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Settings of the step control.
+    """Settings of the step control."""
 
-    `tolerance`: error of a step over the radius of the largest contact; `radii`: largest drag in one step over the same radius;
-    `largest_step`: largest drag in one step [m]; `growth`: largest ratio of consecutive steps; `inertia`: whether bodies keep
-    their momentum; `skip_unsolved`: whether a run continues without bodies that cannot be solved.
-    """
-
-    tolerance: float = 5e-4
-    radii: float = 20.0
-    largest_step: float = math.inf
-    growth: float = 2.0
-    inertia: bool = True
-    skip_unsolved: bool = False
+    tolerance: float = 5e-4  # error of a step over the radius of the largest contact
+    radii: float = 20.0  # largest drag in one step over the same radius
+    largest_step: float = math.inf  # largest drag in one step [m]
+    growth: float = 2.0  # largest ratio of consecutive steps
+    inertia: bool = True  # whether bodies keep their momentum
+    skip_unsolved: bool = False  # whether a run continues without bodies that cannot be solved
 
     def settings(self, state: State, overlap: float, rayleigh: float) -> Array:
-        """Return the settings as kernels read them (`step_settings`); `overlap`: to expect [m]; `rayleigh`: time [s]."""
+        """Return the settings as kernels read them; `overlap`: to expect [m]; `rayleigh`: time [s]."""
         V = np.zeros(step_settings.WIDTH)
         V[step_settings.TOLERANCE], V[step_settings.LONGEST] = self.tolerance, self.largest_step
         V[step_settings.RADII] = min(self.radii, MEETING_RADII) if state.world.debris_meets else self.radii
@@ -60,18 +55,15 @@ CREATED_ENERGY_GUARD = 0.1
 the very start, and below 0.005 later."""
 
 NEGLIGIBLE = 0.01
-"""Exchanged energy below which that of a body is no scale, as a fraction of the mean of all bodies. The tolerance of a step is a
-length, which does not resolve the weak impacts of bodies that carry no load between rough plates: they may create a tenth of what
-they exchange, a millionth of what a loaded body exchanges."""
+"""Exchanged energy below which that of a body is no scale, as a fraction of the mean of all bodies: a step does not resolve the
+weak impacts of bodies without load between rough plates, which may create a tenth of the little that they exchange."""
 
 
 def causes(memory: Array) -> Array:
-    """Return the number of steps of each body limited by each cause: a view of these columns."""
     return memory[:, step_memory.LIMITED : step_memory.LIMITED + len(CAUSES)]
 
 
 def limited_by(memory: Array) -> dict[str, int]:
-    """Return the number of steps limited by each cause, most frequent first, without zeros."""
     counts = causes(memory).sum(axis=0)
     return {CAUSES[k]: int(counts[k]) for k in np.argsort(-counts, kind="stable") if counts[k] > 0.0}
 
@@ -97,11 +89,9 @@ def in_words(steps: Array, order: np.ndarray) -> str:
 
 def created_fractions(totals: Array, stored: Array, whole: Array) -> tuple[Array, float]:
     """Return the energy created by the integrator (negative: lost) over the exchanged energy: of each body (n,), and of all.
-
-    `totals`: (n, run_totals.WIDTH); `stored`: kinetic and elastic energy (n,) [J]; `whole`: totals of the run, with those of a
-    common plate. A body exchanges the largest of: sum of |plate work increments|; |work of effects|; dissipated plus stored
-    energy; and at least NEGLIGIBLE times the mean.
-    """
+    `totals`: (n, run_totals.WIDTH); `stored`: kinetic and elastic energy (n,) [J]; `whole`: totals of the run. A body exchanges
+    the largest of: sum of |plate work increments|; |work of effects|; dissipated plus stored energy; at least NEGLIGIBLE times
+    the mean."""
 
     def exchanged(totals: Array, stored: Array) -> Array:
         spent = totals[:, run_totals.FRICTION_WORK] + totals[:, run_totals.DAMPING_WORK] + stored
@@ -115,7 +105,6 @@ def created_fractions(totals: Array, stored: Array, whole: Array) -> tuple[Array
 
 
 def body_energies(state: State, stored: Array) -> Array:
-    """Return kinetic energy of each body and its free patch plus elastic energy `stored`, all (n,) [J]."""
     B, E, P = state.B, state.E, state.P[state.patch]
     kinetic = B[:, body.MASS] * np.sum(B[:, body.VELOCITY3] ** 2, axis=1)
     kinetic += np.sum(E[:, body_extra.ANGULAR_MOMENTUM3] * B[:, body.SPIN3], axis=1)

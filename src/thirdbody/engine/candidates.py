@@ -1,8 +1,7 @@
 """Candidate contacts: pairs that may touch, with their histories and records.
 
-Histories and records have a row for each candidate, or rows of closed contacts only, batch by batch of bodies. Of the twelve
-candidates of a clump of six spheres between two plates, some four are closed. An open one has no history
-(`kernels.memory.reset_history`), and its record is never read.
+Histories and records have a row for each candidate, or rows of closed contacts only, batch by batch of bodies. An open one has no
+history (`kernels.memory.reset_history`), and its record is never read.
 """
 
 from __future__ import annotations
@@ -37,38 +36,29 @@ class AllRows:
 
     @property
     def widths(self) -> tuple[int, int]:
-        """Number of columns of histories and of records."""
         return self.H.shape[1], self.R.shape[1]
 
     def closed(self) -> Ints:
-        """Return the numbers of the closed candidates."""
         return np.flatnonzero(self.H[:, contact_state.SLIP] > 0.0)
 
     def histories(self, closed: Ints, columns: Any) -> Array:
-        """Return columns of the histories of closed candidates."""
         return self.H[:, columns][closed]
 
     def records(self, closed: Ints, *columns: Any) -> list[Array]:
-        """Return columns of the records of closed candidates, an array for each column or slice of them."""
         return [self.R[:, each][closed] for each in columns]
 
 
 @dataclass
 class ClosedRows:
-    """Rows of closed contacts only.
+    """Rows of closed contacts only."""
 
-    `edges` (batches + 1,): first candidate of each batch of `size` bodies; `widths`: columns of H and R; `compact`: the closed
-    contacts of each batch, whose H and R may have spare rows.
-    """
-
-    edges: Ints
-    size: int
-    widths: tuple[int, int]
-    compact: list[ClosedContacts]
+    edges: Ints  # (batches + 1,): first candidate of each batch
+    size: int  # bodies of a batch
+    widths: tuple[int, int]  # columns of H and R
+    compact: list[ClosedContacts]  # those of each batch, whose H and R may have spare rows
 
     @classmethod
     def of(cls, edges: Ints, size: int, closed: Ints, rows: tuple[Array, Array]) -> ClosedRows:
-        """Return copies of the rows of closed candidates, given by their numbers, histories and records."""
         H, R = rows
         result, cuts = cls(edges, size, (H.shape[1], R.shape[1]), []), np.searchsorted(closed, edges)
         for first, low, high in zip(edges, cuts, cuts[1:], strict=False):
@@ -77,7 +67,6 @@ class ClosedRows:
         return result
 
     def replace(self, batch: int, contacts: ClosedContacts, n: int) -> None:
-        """Take copies of the first n of these contacts as those of a batch."""
         _, H, R = self.compact[batch]
         if n > len(H):
             H, R = (np.empty((int(SPARE * n), width)) for width in self.widths)
@@ -98,7 +87,6 @@ class ClosedRows:
         return self._columns(1, closed, *columns)
 
     def _columns(self, which: int, closed: Ints, *columns: Any) -> list[Array]:
-        """Return columns of histories (0) or records (1)."""
         pieces, none, end = self.pieces()[which], np.empty((1, self.widths[which])), 0
         result = [np.empty((sum(map(len, pieces)), *none[:, each].shape[1:])) for each in columns]
         for rows in pieces:
@@ -125,44 +113,33 @@ class ClosedRows:
         return table
 
     def expected_bytes(self, bodies: int) -> int:
-        """Return the bytes that the rows are expected to take during a run."""
         return int(SPARE * EXPECTED * bodies * (4 + 8 * sum(self.widths)))
 
 
 @dataclass
 class Candidates:
-    """Sorted candidate contacts, those with plates first.
-
-    Q: closest points of rough plates, one row per candidate with a plate, or no rows. `rows`: histories H, and records R of the
-    last observed step, or no rows of R. F: remote forces. `closed` (n,): 1: in contact, else 0.
-    `edges` (n_bodies + 1,): first entry of each body in `incidence` (2 * candidate, +1 if the body is the partner).
-    `near`: spheres that have candidates; those of each body start at `beginning` (n_bodies + 1,).
-    `outer` (n,): number of the remote force on the partner's body, `remote_body`; -1: both bodies are in one group.
-    `cuts` (3, chunks + 1): see `kernels.bodies`. `lowest` (groups,): first group whose contacts act on bodies of the group.
-    `needs`: offsets (groups + 1,) of the lists of other groups whose bodies the group's contacts need, then these lists.
-    """
+    """Sorted candidate contacts, those with plates first."""
 
     own: Numbers
     partner: Numbers
     kind: Numbers
-    closed: NDArray[np.int8]
-    outer: Numbers
-    edges: Numbers
-    incidence: Numbers
-    near: Numbers
-    beginning: Numbers
-    remote_body: Numbers
-    cuts: Numbers
-    lowest: Numbers
-    needs: Numbers
+    closed: NDArray[np.int8]  # 1: in contact, else 0
+    outer: Numbers  # number of the remote force on the partner's body; -1: both bodies are in one group
+    edges: Numbers  # (n_bodies + 1,): first entry of each body in `incidence`
+    incidence: Numbers  # 2 * candidate, +1 if the body is the partner
+    near: Numbers  # spheres that have candidates
+    beginning: Numbers  # (n_bodies + 1,): first one of each body in `near`
+    remote_body: Numbers  # the body on which each remote force acts
+    cuts: Numbers  # (3, chunks + 1): see `kernels.bodies`
+    lowest: Numbers  # (groups,): first group whose contacts act on bodies of the group
+    needs: Numbers  # offsets (groups + 1,) of the lists of other groups whose bodies the group's contacts need, then these lists
     n_plates: int
-    Q: Array
-    F: Array
-    rows: AllRows | ClosedRows
+    Q: Array  # closest points of rough plates, a row per candidate with a plate, or no rows
+    F: Array  # remote forces
+    rows: AllRows | ClosedRows  # histories H, and records R of the last observed step, or no rows of R
 
     @property
     def H(self) -> Array:
-        """Histories, a row for each candidate: a copy where only closed contacts have rows."""
         return self.rows.H
 
     @property
@@ -185,27 +162,22 @@ class Candidates:
 
     @property
     def histories(self) -> Rows:
-        """Contact histories by name (`kernels.tables.contact_state`)."""
         return Rows((self.H, contact_state))
 
     @property
     def records(self) -> Rows:
-        """Records of the candidates by name (`kernels.tables.record`)."""
         return Rows((self.R, record))
 
     @property
     def max_per_body(self) -> int:
-        """Largest number of candidates of one body."""
         return int(np.diff(self.edges).max(initial=0))
 
 
 def sides_of(partner: Numbers) -> Ints:
-    """Return LOWER, UPPER or DEBRIS (`kernels.tables`) for each partner code (`kernels.plates`)."""
     return np.where(partner >= 0, DEBRIS, np.where(partner < -BASINS, UPPER, LOWER))
 
 
 def empty_slots(memory: int, record: int) -> Candidates:
-    """Return a table of candidates without rows; `memory`, `record`: columns of H and R."""
     none, cuts = np.zeros(0, np.int32), np.zeros((3, 1), np.int32)
     H, F, R = np.zeros((0, memory)), np.zeros((0, remote_force.WIDTH_WITHOUT_NORMAL_LOSS)), np.zeros((0, record))
     Q = np.zeros((0, surface_contact.WIDTH))

@@ -5,8 +5,6 @@ of the plate's load and the sum of the bodies' forces, whose slope is the Schur 
 Newton's method inside a bracket, since the force falls with the rise but has corners.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any
@@ -17,7 +15,7 @@ from thirdbody.engine.islands import BATCH
 from thirdbody.engine.state import Action, Array, State
 from thirdbody.engine.upper_plate import direct_reaction, value_before
 from thirdbody.errors import GuardStop
-from thirdbody.jit.threads import pieces_of
+from thirdbody.jit.threads import MIN_BODIES, pieces_of
 from thirdbody.kernels.arguments import Motion
 from thirdbody.kernels.implicit import common_plate as kernel
 from thirdbody.kernels.implicit import control
@@ -25,8 +23,6 @@ from thirdbody.kernels.implicit.control import EASY, NEARLY, StepLimit, Stop
 from thirdbody.kernels.implicit.residual import MAX_ROTATION
 from thirdbody.kernels.step_tables import body_solution, step_memory, step_settings
 from thirdbody.kernels.tables import LOWER, contact_state, patch, record, run_totals
-
-FEWEST = 8  # fewest bodies of a piece of the work; small enough to spread a few bodies over all cores
 
 CONVERGED, ROUNDS = 1e-8, 30
 """Tolerance of the residual force on the plate over its load and the bodies' forces; maximum corrections of its rise."""
@@ -51,17 +47,14 @@ class CommonPlate:
         self.memory = np.zeros(step_memory.WIDTH)  # of the common steps and of the plate in the last one
 
     def start(self) -> None:
-        """Take the length of the first step from the bodies."""
         for column in (step_memory.NEXT_DT, step_memory.LIMIT):
             self.memory[column] = self.integrator.memory[0, column]
         kernel.book_direct(self.totals, self.integrator.state.P, 0.0, 0.0, 0.0, 0.0)  # the force at the start
 
     def tables(self) -> dict[str, Array]:
-        """Return the tables of the plate by their names in a checkpoint."""
         return {"plate": self.totals, "plate_memory": self.memory}
 
     def advance_to(self, until: float, watch: Action, between: Action) -> None:
-        """Advance all bodies to a time [s]."""
         one = self.integrator
         while one.totals[0, run_totals.TIME] < until:
             self._step(until)
@@ -153,7 +146,7 @@ class CommonPlate:
 
     def each_island(self, kernel_of_pieces: Callable[..., None], *step: Any) -> None:
         islands = self.integrator.islands
-        self.integrator.each_island(islands.pieces or pieces_of(0, islands.count, FEWEST), kernel_of_pieces, *step)
+        self.integrator.each_island(islands.pieces or pieces_of(0, islands.count, MIN_BODIES), kernel_of_pieces, *step)
 
     def _yielding(self) -> float:
         """Largest descent [m] of the plate in one correction: half the largest or expected overlap."""
@@ -163,7 +156,6 @@ class CommonPlate:
         return 0.5 * max(max_overlap, float(one.settings[step_settings.EXPECTED_OVERLAP]))
 
     def _length(self, time: float, end: float) -> tuple[float, int]:
-        """Return the length [s] of the next step and its cause (`kernels.implicit.control`)."""
         one, state, slots = self.integrator, self.integrator.state, self.integrator.state.slots
         # bodies that touch neither the upper plate nor others do not count: their weight presses them on the lower plate by less
         # than a nanometre, and no drag slides over that

@@ -18,13 +18,15 @@ from thirdbody.errors import GuardStop
 from thirdbody.jit.arguments import Packer, address
 from thirdbody.jit.threads import ThreadTuner, allowed_threads, distribute, helpers, pieces_of, words_of
 from thirdbody.kernels import bodies as body_pass
-from thirdbody.kernels.arguments import KINDS, WORK, Context
+from thirdbody.kernels.arguments import KINDS, RUN_GROUPS, Context
 from thirdbody.kernels.explicit import contact_forces as contact_pass
-from thirdbody.kernels.explicit import critical_time_step, step_loop
-from thirdbody.kernels.explicit.passes import work
+from thirdbody.kernels.explicit import critical_time_step as limits
+from thirdbody.kernels.explicit import step_loop
+from thirdbody.kernels.explicit.passes import run_groups
 from thirdbody.kernels.minima import UPDATE, update
-from thirdbody.kernels.step_tables import body_force, chunk_motion, contact_sums, drift_scratch
+from thirdbody.kernels.step_tables import body_force, chunk_motion, contact_stiffness, contact_sums, drift_scratch
 from thirdbody.kernels.tables import domain, loaded_contact, patch, run_totals, sphere
+from thirdbody.kernels.tile import TILE, law_input
 from thirdbody.laws.contract import Material
 
 BUDGET = 64
@@ -32,9 +34,9 @@ BUDGET = 64
 
 CALL = 1.0  # largest wall time [s] of a compiled call: signals are handled only between calls
 
-GROWTH, PATIENCE = 1.25, 16
+GROWTH, MIN_BOUNDS = 1.25, 16
 """The automatic step follows its bound down at once. It grows at once to a bound that is larger by GROWTH, and to a smaller one
-only after PATIENCE bounds in a row that allow more: an oscillating step loses energy."""
+only after MIN_BOUNDS bounds in a row that allow more: an oscillating step loses energy."""
 
 
 class Explicit:
@@ -67,12 +69,11 @@ class Explicit:
         self.ledgers = np.zeros((groups, run_totals.WIDTH))
         self.constant = constant_arguments(state, self.drag) | {
             "X0": state.X0, "A": state.A, "ledgers": self.ledgers, "announced": self.announced, "jumps": int(state.physics.jumps),
-            "stride": state.physics.stride, "work": address(work, WORK),
+            "stride": state.physics.stride, "run_groups": address(run_groups, RUN_GROUPS),
             "update_surfaces": address(update, UPDATE) if state.world.rough else 0,
         }  # fmt: skip
 
     def start(self) -> None:
-        """Run the first search, evaluate the forces at time zero, and choose the first time step."""
         search(self.state)
         self._tables()
         # those that bound the time step; None: the present candidates
@@ -84,11 +85,8 @@ class Explicit:
     def advance_to(
         self, time: float = math.inf, distance: float = math.inf, watch: Action = lambda: None, between: Action = lambda: None
     ) -> None:
-        """Advance to the first step at or after a time [s] or a sliding distance [m].
-
-        `watch` is called every `BUDGET` steps of the run, `between` after other compiled calls that ended early to limit their
-        wall time to about `CALL`. Raises GuardStop, with the state that violated the guard, when the run leaves its valid range.
-        """
+        """Advance to the first step at or after a time [s] or a sliding distance [m]. `watch` is called every `BUDGET` steps of
+        the run, `between` after other compiled calls. Raises GuardStop, with the state that violated the guard."""
         state = self.state
         while state.time < time and state.distance < distance:
             budget = min(BUDGET - int(state.A[run_totals.STEPS]) % BUDGET, max(1, int(CALL / self.seconds)))
@@ -111,12 +109,10 @@ class Explicit:
                 return
 
     def export_state(self) -> tuple[dict[str, Array], dict[str, Any]]:
-        """Return arrays and notes with the integrator's own state."""
         bound, tightest = (None if bound is None else dict(vars(bound)) for bound in (self.bound, self.tightest))
         return {"ledgers": self.ledgers}, {"bound": bound, "tightest": tightest, "waiting": list(self.waiting)}
 
     def restore(self, arrays: dict[str, Array], notes: dict[str, Any]) -> None:
-        """Restore the result of `export_state`, after the state itself was restored. Raises KeyError or TypeError."""
         self.ledgers[:] = arrays["ledgers"]
         self.bound, self.tightest = (None if notes[name] is None else Bound(**notes[name]) for name in ("bound", "tightest"))
         self.waiting = [float(x) for x in notes["waiting"]]
@@ -133,7 +129,6 @@ class Explicit:
         self._scratch(allowed_threads())
 
     def _scratch(self, threads: int) -> None:
-        """Allocate workspace for every part of a pass: the kernels allocate no arrays."""
         slots, physics, parts = self.state.slots, self.state.physics, step_loop.PARTS_PER_THREAD * threads
         chunks = slots.cuts.shape[1] - 1
         ends = np.minimum(np.arange(0, chunks + contact_pass.GROUP, contact_pass.GROUP), chunks)
@@ -215,14 +210,13 @@ class Explicit:
             self.waiting.clear()
             return allowed
         self.waiting.append(allowed)
-        if len(self.waiting) < PATIENCE:
+        if len(self.waiting) < MIN_BOUNDS:
             return now
         minimum = min(self.waiting)
         self.waiting.clear()
         return minimum
 
     def summary(self) -> dict[str, Any]:
-        """Return the entries of the run summary about the integration."""
         limit, steps = self.tightest, int(self.state.A[run_totals.STEPS])
         assert limit is not None
         return {
@@ -232,7 +226,6 @@ class Explicit:
         }  # fmt: skip
 
     def label(self) -> np.ndarray:
-        """Return state, reason, margins and extras of each body now (columns named by the labeller)."""
         return labels(self.state, self.drag)
 
     def _explain(self, code: int, number: int) -> str:
@@ -263,32 +256,26 @@ class Explicit:
 # -- the time step: bounded by the present contact stiffness and a fraction of the Rayleigh time --
 
 DAMPING_FRACTION = 0.7
-"""Time step over the longest stable step with damping. It is decisive where the dashpots of many contacts, each scaled for its
-contact, add up on one body. Such a mode is overdamped: an oscillation at the step itself loses 40 % in each step, so a margin to
-the limit is enough."""
+"""Time step over the longest stable step with damping, decisive where the dashpots of many contacts add up on one body. Such a
+mode is overdamped: an oscillation at the step itself loses 40 % in each step, so a margin to the limit is enough."""
 
-FEWEST = 4096  # candidates, or bodies, that one thread alone examines as fast as two: some 0.2 ms
+MIN_CANDIDATES = 4096  # candidates, or bodies, that one thread alone examines as fast as two: some 0.2 ms
 
 
 @dataclass(frozen=True)
 class Bound:
-    """Time step [s] and what limits it.
-
-    `mechanism`: rayleigh, translation, rotation, damping or patch; `body`: number of the limiting body in the scene.
-    """
+    """Time step [s] and what limits it."""
 
     step: float
-    mechanism: str
-    body: int
+    mechanism: str  # rayleigh, translation, rotation, damping or patch
+    body: int  # number of the limiting body in the scene
     stability: float  # longest stable step [s]; infinite without contacts
     rayleigh: float  # Rayleigh time [s]
 
 
 def bound(state: State, materials: list[Material], steps: int, max_overlap: float, candidates: Candidates | None = None) -> Bound:
-    """Return the bound of the time step for the next `steps` steps, for overlaps up to `max_overlap` radii.
-
-    `candidates`: contacts that are or may come; None: those of the last search.
-    """
+    """Return the bound of the time step for the next `steps` steps, for overlaps up to `max_overlap` radii. `candidates`:
+    contacts that are or may come; None: those of the last search."""
     times = states.rayleigh_times(state, materials)
     slowest = int(np.argmin(times))
     rayleigh = float(times[slowest])
@@ -315,42 +302,39 @@ def _contact_bounds(
 ) -> tuple[Ints, Array, Array]:
     """Return candidates for the shortest step: bodies, their bounds (n, 4), bounds of patches (m, 4)."""
     slots, physics = candidates or state.slots, state.physics
-    context = critical_time_step.Assembly(  # type: ignore[call-arg]
+    context = limits.Assembly(  # type: ignore[call-arg]
         slots.n_plates, slots.own, slots.partner, slots.kind, slots.edges, slots.incidence, state.body, state.S, state.B,
         state.E, state.orientations, _pressed(state, horizon), slots.Q, state.D, physics.pairs,
     )  # fmt: skip
     drag = float(state.A[run_totals.PLATE_SPEED]) * state.A[run_totals.HEADING2]
-    tables = critical_time_step.make_tables(state.n_bodies, slots.count, len(state.P))
-    ahead = critical_time_step.Horizon(horizon, max_overlap, float(drag[0]), float(drag[1]))
+    tables = limits.Tables(  # each allocation in a kernel would cost 0.1 s of compilation
+        np.empty((slots.count, contact_stiffness.WIDTH)), np.empty(slots.count, np.int32), np.empty((state.n_bodies, 2)),
+        np.zeros((len(state.P), 4)), np.empty(state.n_bodies, np.int64), np.empty((state.n_bodies, 4)), np.empty((4, 6, 8)),
+    )  # fmt: skip
+    ahead = limits.Horizon(horizon, max_overlap, float(drag[0]), float(drag[1]))
     # contacts with plates in one piece: those of a patch are summed in their order
-    flat, pairs = [(0, slots.n_plates)], pieces_of(slots.n_plates, slots.count, FEWEST)
+    flat, pairs = [(0, slots.n_plates)], pieces_of(slots.n_plates, slots.count, MIN_CANDIDATES)
     longest = max(last - first for first, last in flat + pairs)
 
     def stiffness_worker() -> Callable[[tuple[int, int]], None]:
-        scratch, given = critical_time_step.make_scratch(longest), (context, ahead, physics.stiffness_at)
-        return lambda piece: critical_time_step.find_stiffnesses(*piece, *given, scratch, tables)
-
-    def bound_worker() -> Callable[[tuple[int, int]], None]:
-        near = np.empty(slots.max_per_body + 1, np.int32)
-        return lambda piece: critical_time_step.bound_bodies(*piece, context, near, tables)
+        scratch = limits.Scratch(np.zeros((law_input.HISTORY + 1) * TILE), np.zeros(8 * TILE), np.empty(longest + 1, np.int32))
+        return lambda piece: limits.find_stiffnesses(*piece, context, ahead, physics.stiffness_at, scratch, tables)
 
     distribute(flat, stiffness_worker)
     distribute(pairs, stiffness_worker)
-    many = state.n_bodies if slots.count else 0
-    distribute(pieces_of(0, many, FEWEST), bound_worker)
-    near = np.empty(slots.max_per_body + 1, np.int32)
-    result = critical_time_step.shortest_steps(many, context, ahead.time, near, tables)
+    many, width = state.n_bodies if slots.count else 0, slots.max_per_body + 1
+    bodies = pieces_of(0, many, MIN_CANDIDATES)
+    distribute(bodies, lambda: lambda piece: limits.bound_bodies(*piece, context, np.empty(width, np.int32), tables))
+    result = limits.shortest_steps(many, context, ahead.time, np.empty(width, np.int32), tables)
     return tables.number[:result], tables.bodies[:result], tables.patches
 
 
 def _pressed(state: State, horizon: float) -> Array:
     """Return the patches under their largest load until the next bound (1.5 horizons, as steps may grow)."""
-    upper = state.world.upper
-    if upper is None or not upper.schedule.load:
-        return state.P
-    P = state.P.copy()
-    largest = upper.schedule.largest_load(state.time, state.time + 1.5 * horizon)
-    P[:, patch.LOAD] = np.maximum(P[:, patch.LOAD], largest * P[:, patch.NOMINAL_LOAD])
+    P, upper = state.P, state.world.upper
+    if upper is not None and upper.schedule.load:
+        largest, P = upper.schedule.largest_load(state.time, state.time + 1.5 * horizon), P.copy()
+        P[:, patch.LOAD] = np.maximum(P[:, patch.LOAD], largest * P[:, patch.NOMINAL_LOAD])
     return P
 
 

@@ -12,11 +12,6 @@ LINES = (
     "residual",
 )  # fmt: skip
 
-BOOKED = (
-    run_totals.DAMPING_WORK, run_totals.FRICTION_WORK, run_totals.PLATE_WORK, run_totals.EFFECT_WORK, run_totals.NUMERICAL_LOSS,
-)  # fmt: skip
-"""Totals of a run that are lines of the ledger as they are, `damping` to `numerical`."""
-
 Stored = tuple[float, float, float, float, float]
 
 
@@ -60,17 +55,17 @@ class Ledger:
         return result
 
     def lines(self, state: State, result: Stored | None = None) -> dict[str, float]:
-        """Return the lines [J] of the ledger that exist in the scene, with the absolute `residual`.
-
-        `result`: `stored_energies` of this instant, if known.
-        """
+        """Return the lines [J] of the ledger that exist in the scene, with the absolute `residual`; `result`: of
+        `stored_energies`."""
         kinetic, normal, tangential, springs, direct = result or stored_energies(state)
         A = state.A
         gained = A[run_totals.PLATE_WORK] + A[run_totals.EFFECT_WORK]
+        damping, friction, numerical = A[run_totals.DAMPING_WORK], A[run_totals.FRICTION_WORK], A[run_totals.NUMERICAL_LOSS]
         spent = kinetic + normal + tangential + springs + direct - self.start
-        spent += A[run_totals.DAMPING_WORK] + A[run_totals.FRICTION_WORK] + A[run_totals.DIRECT_WORK]
-        spent += A[run_totals.NUMERICAL_LOSS]
-        values = kinetic, normal, tangential, *(A[k] for k in BOOKED), gained - spent
+        spent += damping + friction + A[run_totals.DIRECT_WORK]
+        spent += numerical
+        works = damping, friction, A[run_totals.PLATE_WORK], A[run_totals.EFFECT_WORK], numerical
+        values = kinetic, normal, tangential, *works, gained - spent
         lines = {name: float(value) for name, value in zip(LINES, values, strict=True)}
         if state.physics.loss:
             lines[state.physics.loss] = float(state.E[:, body_extra.NORMAL_LOSS].sum())
@@ -107,7 +102,6 @@ NORM_GUARD = 1e-6
 
 
 def set_guards(state: State) -> None:
-    """Write the limits that kernels watch into the tables of a state."""
     state.D[domain.OVERLAP_GUARD], state.D[domain.TRAVEL_GUARD] = OVERLAP_GUARD, TRAVEL_GUARD
     if state.world.lower is not None:
         lowest = float(state.lower_surface[height_field.MIN_HEIGHT]) if len(state.lower_surface) else 0.0
@@ -115,18 +109,16 @@ def set_guards(state: State) -> None:
 
 
 class EnergyGuard:
-    """Checks the energy balance and the orientations at instants at which the ledger is complete.
-
-    A single violation is tolerated where forces may jump (`patience` = 2): the step in which a load jumps is booked with half of
-    its work, which can be all the energy at that instant.
-    """
+    """Checks the energy balance and the orientations at instants at which the ledger is complete. `patience` 2: a single
+    violation is tolerated, as the step in which a load jumps is booked with half of its work, which can be all the energy at that
+    instant."""
 
     def __init__(self, ledger: Ledger, patience: int = 1) -> None:
         self.ledger, self.patience = ledger, patience
         self.above = 0  # consecutive checks with a residual above the limit
 
     def check(self, state: State, result: Stored | None = None) -> None:
-        """Raise GuardStop on violation; the last step must be recorded. `result`: see `Ledger.lines`."""
+        """Raise GuardStop on violation; the last step must be recorded. `result`: of `stored_energies`."""
         when = f"stopped at t = {state.time:.6g} s (step {int(state.A[run_totals.STEPS])})"
         norms = np.sqrt(np.sum(state.bodies.quaternion**2, axis=1))
         bad = np.flatnonzero(~(np.abs(norms - 1.0) <= NORM_GUARD))
@@ -147,13 +139,11 @@ class EnergyGuard:
 
 
 def name_of(number: int, state: State) -> str:
-    """Return text that names a body by its number in the scene and its position."""
     where = ", ".join(f"{x:.4g}" for x in state.bodies.position[number])
     return f"body {state.order[number]} at ({where}) m"
 
 
 def partner_of(state: State, slot: int, body: int) -> str:
-    """Return text that names what a body touches in a contact."""
     slots = state.slots
     if slots.partner[slot] < 0:
         return f"the {'lower' if slots.sides[slot] == LOWER else 'upper'} plate"

@@ -1,10 +1,9 @@
 """Implicit integrator (BDF2, backward-Euler starts) of islands of bodies.
 
-A body between the plates is a small problem with six coordinates and the height of its patch. Solved with the tangents of the
-laws, it needs no steps that resolve elastic waves: steps are as long as the motion allows, and their number does not depend on
-the speed of the drag. Bodies that could meet form islands, which are solved as one system (`engine.meeting`); without contact
-between bodies each is an island of its own. Between two outputs islands are independent, with individual time steps, unless all
-bodies carry one plate (`engine.common_plate`). Results are bit-identical for any number of threads.
+Solved with the tangents of the laws, a body between the plates needs no steps that resolve elastic waves: steps are as long as
+the motion allows. Bodies that could meet form islands, which are solved as one system (`engine.meeting`). Between two outputs
+islands are independent, with individual time steps, unless all bodies carry one plate (`engine.common_plate`). Results are
+bit-identical for any number of threads.
 """
 
 import math
@@ -104,12 +103,10 @@ class Implicit:
 
     @property
     def meets(self) -> bool:
-        """Whether bodies have contact with each other."""
         return self.meeting is not None
 
     @property
     def together(self) -> bool:
-        """Whether all bodies share their steps."""
         return self.plate is not None
 
     def start(self) -> None:
@@ -132,7 +129,6 @@ class Implicit:
             self.connect(single_bodies(state.n_bodies))
 
     def connect(self, islands: Islands) -> None:
-        """Take these islands as those that are advanced."""
         self.islands = islands
         self.initial_overlaps = np.zeros(self.state.slots.count if self.meets or self.together else 0)
         self.scratch_of_threads.fit((*islands.largest(), self.max_per_body))
@@ -140,12 +136,9 @@ class Implicit:
     def advance_to(
         self, time: float = math.inf, distance: float = math.inf, watch: Action = lambda: None, between: Action = lambda: None
     ) -> None:
-        """Advance all bodies to a time [s] or a sliding distance [m], whichever comes first.
-
-        `watch` is called about every second; if all bodies share their steps, after a fixed number of steps, and `between` after
-        all other steps. Raises GuardStop when a body leaves its valid range or no step converges; the bodies then remain at the
-        times they have reached.
-        """
+        """Advance all bodies to a time [s] or a sliding distance [m], whichever comes first. `watch` is called about every
+        second; if all bodies share their steps, after a fixed number of steps, and `between` after all others. Raises GuardStop
+        when a body leaves its valid range or no step converges; bodies stay at the times reached."""
         state, advance = self.state, self.meeting.advance_to if self.meeting else self.advance_all
         while state.time < time and state.distance < distance:
             stop = min(distance, state.distance + self.stride)
@@ -165,11 +158,9 @@ class Implicit:
 
     @property
     def per_call(self) -> int:
-        """Largest number of islands in a call."""
         return self.islands.count if self.meeting else BATCH
 
     def advance_all(self, until: float, watch: Action, between: Action) -> None:
-        """Advance all islands to a time [s]."""
         if self.plate:
             self.plate.advance_to(until, watch, between)
             return
@@ -187,28 +178,25 @@ class Implicit:
         self.collect()
 
     def collect(self) -> None:
-        """Collect what contacts have measured (`engine.measures`), at instants that do not depend on the wall time."""
+        """Collect what contacts have measured, at instants that do not depend on the wall time."""
         if self.meeting:
             self.meeting.collect()
         else:
             update_measures(self.state)
 
     def _waiting(self, first: int, last: int, until: float) -> int:
-        """Return the number of bodies in islands `order[first:last]` that go on and have not reached a time [s]."""
         codes, times = self.memory[:, step_memory.CODE], self.totals[:, run_totals.TIME]
         if not self.meeting:
             return int(np.count_nonzero((codes[first:last] == Stop.NONE) & (times[first:last] < until)))
         return self.islands.waiting(codes != Stop.NONE, times < until)
 
     def export_state(self) -> tuple[dict[str, Array], dict[str, Any]]:
-        """Return arrays and notes with the integrator's own state."""
         arrays = {"totals": self.totals, "memory": self.memory}
         if self.meeting:
             arrays["counts"] = self.meeting.counts
         return (arrays | self.plate.tables() if self.plate else arrays), {}
 
     def restore(self, arrays: dict[str, Array], notes: dict[str, Any]) -> None:
-        """Restore the result of `export_state`, after the state itself was restored. Raises KeyError or TypeError."""
         for name, table in self.export_state()[0].items():
             table[:] = arrays[name]
         self.earlier = {}  # `start` copied the tables that were replaced just now
@@ -220,7 +208,6 @@ class Implicit:
         self.each_island(pieces, driver.advance_islands, until, tries)
 
     def each_island(self, pieces: list[tuple[int, int]], kernel: Callable[..., None], *step: Any) -> None:
-        """Call a kernel for pieces of the islands."""
         context, tables = self.packed(), self.pack_islands(self.islands.tables)
 
         def worker() -> Callable[[tuple[int, int]], None]:
@@ -244,7 +231,6 @@ class Implicit:
         return self.scratch_of_threads.of_thread(self._pack.given)
 
     def packed(self) -> Array:
-        """Return the packed kernel arguments."""
         return self._pack(
             ImplicitContext(  # type: ignore[call-arg]
                 **self._constant, **table_arguments(self.state), kind=self.state.slots.kind, plate_edges=self.edges,
@@ -297,7 +283,6 @@ class Implicit:
         )
 
     def summary(self) -> dict[str, Any]:
-        """Return the entries of the run summary about the integration; steps are counted per body."""
         steps, T, state = self.totals[:, run_totals.STEPS], self.memory, self.state
         total = max(float(steps.sum()), 1.0)
         lost = np.flatnonzero(T[:, step_memory.CODE] == Stop.UNSOLVED)
@@ -312,7 +297,6 @@ class Implicit:
         } | ({"islands": self.meeting.summary()} if self.meeting else {})  # fmt: skip
 
     def explain(self, body: int) -> str:
-        """Return what stopped a body, when, and what can be done."""
         s, totals = self.state, self.totals[body]
         code, when = int(self.memory[body, step_memory.CODE]), f"stopped at t = {totals[run_totals.TIME]:.6g} s"
         who = name_of(body, s)
@@ -346,11 +330,9 @@ class Implicit:
         return self._limit
 
     def mean_time(self) -> float:
-        """Return the mean time [s] reached by the bodies: between two stops their times differ."""
         return float(self.totals[:, run_totals.TIME].mean())
 
     def label(self) -> Array:
-        """Return state, reason, margins and extras of each body now (columns named by the labeller)."""
         return labels(self.state, self.drag)
 
 

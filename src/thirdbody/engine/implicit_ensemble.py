@@ -5,8 +5,6 @@ Bodies are advanced batch by batch, each by one of the threads. Only closed cont
 (`kernels.implicit.driver`). A clump of six spheres then takes 3.5 kB, not 7.4.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 
@@ -15,7 +13,7 @@ import numpy as np
 from thirdbody.engine.candidates import ClosedRows
 from thirdbody.engine.implicit import Implicit
 from thirdbody.engine.islands import BATCH
-from thirdbody.engine.state import Array, State, table
+from thirdbody.engine.state import State, table
 from thirdbody.jit.arguments import address
 from thirdbody.jit.threads import allowed_threads, distribute
 from thirdbody.kernels.implicit import driver
@@ -36,7 +34,6 @@ class ImplicitEnsemble(Implicit):
     """`Implicit` for a state that fits `is_ensemble`."""
 
     def start(self) -> None:
-        """Make every sphere a candidate with both plates, for the whole run, and keep only rows of closed contacts."""
         super().start()
         state, slots = self.state, self.state.slots
         edges = np.append(slots.edges[:-1:BATCH], slots.edges[-1]).astype(np.int64)
@@ -53,7 +50,6 @@ class ImplicitEnsemble(Implicit):
         return BATCH * BATCHES * allowed_threads()
 
     def advance_islands(self, first: int, last: int, until: float, tries: float = math.inf) -> None:
-        """Advance bodies `first` to `last` - 1 to a time [s], with at most `tries` trial steps each (`Implicit`)."""
         state, rows = self.state, self.state.slots.rows
         assert isinstance(rows, ClosedRows)
         context, tables, step = self.packed(), self.pack_islands(self.islands.tables), address(driver.advance_islands, ADVANCE)
@@ -61,10 +57,10 @@ class ImplicitEnsemble(Implicit):
         largest = int(np.diff(rows.edges).max(initial=0))
 
         def worker() -> Callable[[int], None]:
-            """Return the worker of a thread, which has tables of one body, and for the closed contacts of a batch."""
             packed, scratch = context.copy(), self.scratch()
-            one = OneBody(*_rows_of(self.max_per_body, rows.widths), table(spheres, sphere.WIDTH), state.radii)
-            new = ClosedContacts(np.zeros(largest, np.int32), *_rows_of(largest, rows.widths))
+            H, R = (np.zeros((self.max_per_body, width)) for width in rows.widths)
+            one = OneBody(H, R, table(spheres, sphere.WIDTH), state.radii)
+            new = ClosedContacts(np.zeros(largest, np.int32), *(np.zeros((largest, width)) for width in rows.widths))
 
             def advance(number: int) -> None:
                 low, high = max(first, number * BATCH), min(last, (number + 1) * BATCH)
@@ -76,7 +72,3 @@ class ImplicitEnsemble(Implicit):
             return advance
 
         distribute(range(first // BATCH, -(-last // BATCH)), worker)
-
-
-def _rows_of(n: int, widths: tuple[int, int]) -> tuple[Array, Array]:
-    return np.zeros((n, widths[0])), np.zeros((n, widths[1]))

@@ -1,7 +1,5 @@
 """Islands: sets of bodies that could meet before the next search, connected by their candidates; each other body is one alone."""
 
-from __future__ import annotations
-
 import math
 import threading
 from dataclasses import dataclass
@@ -21,15 +19,10 @@ BATCH = 512  # bodies per call, or per part of one; one step of so many is enoug
 
 @dataclass(frozen=True)
 class Islands:
-    """Islands as tables of the kernels (`IslandTables`), with their sizes (n,).
-
-    `number` (n_bodies,): the island of each body; `pieces`: ranges of `order` of similar cost, for threads.
-    """
-
     tables: Any  # its fields are made at run time, so type checkers do not see them
-    sizes: Ints
-    number: Ints
-    pieces: list[tuple[int, int]]
+    sizes: Ints  # (n,)
+    number: Ints  # (n_bodies,): the island of each body
+    pieces: list[tuple[int, int]]  # ranges of `order` of similar cost, for threads
 
     @property
     def count(self) -> int:
@@ -37,7 +30,6 @@ class Islands:
 
     @property
     def in_islands(self) -> int:
-        """Number of bodies that are not alone."""
         return int(self.sizes[self.sizes > 1].sum())
 
     def largest(self) -> tuple[int, int, int]:
@@ -55,13 +47,10 @@ class Islands:
 
 
 class ThreadScratch:
-    """Scratch of each thread (`workspace.SCRATCH`)."""
-
     def __init__(self) -> None:
         self._sizes, self._packers = (1, 1, 1, 1), {}  # type: tuple[int, ...], dict[int, Packer]
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Return the state of a copy: it makes its own scratch."""
+    def __getstate__(self) -> dict[str, Any]:  # a copy makes its own scratch
         return {"_sizes": self._sizes, "_packers": {}}
 
     def fit(self, sizes: tuple[int, ...]) -> None:
@@ -70,7 +59,6 @@ class ThreadScratch:
             self._sizes, self._packers = tuple(map(max, sizes, self._sizes)), {}
 
     def of_thread(self, context: Any) -> Any:
-        """Return the packed scratch of this thread."""
         scratch = self._packers.get(threading.get_ident())
         if scratch is None:
             scratch = self._packers[threading.get_ident()] = Packer(SCRATCH)
@@ -79,7 +67,6 @@ class ThreadScratch:
 
 
 def single_bodies(n: int) -> Islands:
-    """Return n islands of one body."""
     each, none = np.arange(n), np.zeros(0, np.int64)
     tables = IslandTables(  # type: ignore[call-arg]
         bodies=each, body_edges=np.arange(n + 1), position=np.zeros(n, np.int64), pairs=none,
@@ -89,11 +76,8 @@ def single_bodies(n: int) -> Islands:
 
 
 def islands_of(state: State, slots: Candidates, threads: int) -> Islands:
-    """Return the islands that the candidates between bodies connect, in the order of their expected cost, falling.
-
-    The bodies of an island are in an order in which those that could meet are close (reverse Cuthill-McKee), so that its
-    Jacobian is a narrow band.
-    """
+    """Return the islands that the candidates between bodies connect, in the order of their expected cost, falling; their bodies
+    so that those that could meet are close (reverse Cuthill-McKee), and the Jacobian is a narrow band."""
     from scipy.sparse.csgraph import reverse_cuthill_mckee
 
     k = np.arange(slots.n_plates, slots.count)
@@ -143,36 +127,24 @@ LARGEST = 300
 """Largest number of bodies of an island for which the implicit integrator pays.
 
 Processor time per body at 1 mm/s, clumps of the main scene at an area fraction of 0.5 (`tests/bench/island_sizes.py`): explicit
-steps cost 50 to 125, 57 and 10 times as much as implicit ones in islands of 7, 27 and 143 bodies. A step of a body costs 20, 23
-and 56 us there, since the band gets wider, and its steps are those of the most restless body of the island: 310, 430 and 1000
-per um. By that trend both cost the same at some 500 bodies; where a body chatters (1e5 steps per um), at less than 90 already. A
-body of a chain costs the same up to 300 bodies.
-"""
+steps cost 50 to 125, 57 and 10 times as much as implicit ones in islands of 7, 27 and 143 bodies, since the band gets wider, and
+the steps are those of the most restless body. By that trend both cost the same at some 500 bodies; where a body chatters (1e5
+steps per um), at less than 90 already."""
 
 GROWTH, LARGEST_GROWTH = 1.3, 2.0
 """Bodies that an island has during a run besides the first one, over those at the start: on average, and of the largest island.
-
-Measured for 100 to 2000 bodies of the main scene at area fractions of 0.05 to 0.55, for balls and for scanned particles: 1.2 to
-1.5, and 1 to 2."""
+Measured for 100 to 2000 bodies at area fractions of 0.05 to 0.55: 1.2 to 1.5, and 1 to 2."""
 
 
 class ExpectedIslands(NamedTuple):
-    """Islands of a layer.
-
-    `stride`: the drag [m] within which their bodies could meet; `area_fraction`: of the domain, covered by the bodies as balls of
-    their volumes; `fraction_of_bodies` in islands of two and more at the start; `mean`, `largest`: expected number of bodies in
-    the island of a body, and in the largest one, during the run.
-    """
-
-    stride: float
-    area_fraction: float
-    fraction_of_bodies: float
-    mean: float
-    largest: int
+    stride: float  # drag [m] within which their bodies could meet
+    area_fraction: float  # of the domain, covered by the bodies as balls of their volumes
+    fraction_of_bodies: float  # in islands of two and more at the start
+    mean: float  # expected number of bodies in the island of a body
+    largest: int  # the same in the largest one during the run
 
 
 def island_stride(state: State) -> float:
-    """Return the drag [m] between two searches for islands; infinite where bodies do not meet."""
     return STRIDE * float(state.spheres.radius.min()) if state.world.debris_meets else math.inf
 
 
@@ -191,7 +163,6 @@ def expected_islands(state: State) -> ExpectedIslands:
 
 
 def _island_sizes(state: State) -> np.ndarray:
-    """Return the numbers of bodies of all islands at the start."""
     own, partner = search_pairs(state, MARGIN * island_stride(state)) if state.world.debris_meets else ((), ())
     if not len(own):
         return np.ones(state.n_bodies, np.int64)

@@ -1,12 +1,9 @@
 """Measures of a run, what contacts did, collected per body and over the surfaces of the plates; and labels of all bodies.
 
-Contacts sum what they do in columns behind their history, each by itself, so that threads share nothing. `collect` then adds the
-sums to the bodies and deposits them on the plates, in the order of the candidates: the same bits for any number of threads. A
-deposit lies where the contact is at that time. Explicit runs collect every `BUDGET` steps, at searches and at outputs; implicit
-ones, whose steps are long, after each step if there are maps.
+Contacts sum what they do in columns behind their history. `collect` adds the sums to the bodies and deposits them on the plates,
+in the order of the candidates: the same bits for any number of threads. Explicit runs collect every `BUDGET` steps, at searches
+and at outputs; implicit ones, whose steps are long, after each step if there are maps.
 """
-
-from __future__ import annotations
 
 from typing import Any
 
@@ -37,13 +34,11 @@ def collect_measures(state: State) -> Array:
 
 
 def deposit_on_maps(state: State, deposits: Array) -> None:
-    """Add deposits to the maps, in their order."""
     if len(deposits):
         deposit(np.ascontiguousarray(deposits), state.maps, np.array(state.world.size, float))
 
 
 def update_measures(state: State) -> None:
-    """Collect what contacts have measured, and deposit it."""
     deposit_on_maps(state, collect_measures(state))
 
 
@@ -95,16 +90,13 @@ def map_densities(state: State) -> dict[str, Array]:
 
 
 def labels(state: State, drag: Array) -> Array:
-    """Return one row per body: state, reason, margins and extras (columns named by the labeller).
-
-    The labeller works on copies of its memory. `drag`: unit vector of the prescribed motion of the upper plate. Batches of an
-    ensemble are distributed over the threads; bodies do not see each other, so the bits are the same for any number.
-    """
+    """Return one row per body: state, reason, margins and extras (columns named by the labeller). The labeller works on copies of
+    its memory. `drag`: unit vector of the prescribed motion of the upper plate. Batches of an ensemble are distributed over the
+    threads; bodies do not see each other, so the bits are the same for any number."""
     out, slots, physics = np.zeros((state.n_bodies, state.physics.outputs)), state.slots, state.physics
     rows, labeller = slots.rows, (address(physics.observe, OBSERVE), address(physics.label, LABEL))
 
     def label(bodies: slice, candidates: tuple[Numbers, ...], H: Array, R: Array) -> None:
-        """Label a batch of bodies. `candidates`: own, partner, edges and incidence; H, R: their rows."""
         observed: Any = Observed(  # type: ignore[call-arg]
             *candidates, state.B[bodies], state.E[bodies], state.orientations[bodies], H, R, state.M[bodies].copy(), drag,
             len(physics.history), loaded_contact.MEMORY + physics.contact_memory,

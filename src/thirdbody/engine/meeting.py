@@ -6,8 +6,6 @@ spheres that were no candidates may have touched, their islands go back to the s
 under a common plate all bodies do. So the result does not depend on how far bodies were expected to move.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -43,7 +41,6 @@ class Meeting:
         self._deposits: list[Array] = []  # of this stride, on maps of measures
 
     def summary(self) -> dict[str, Any]:
-        """Return the number of searches, the largest island, and the mean fraction of bodies in islands."""
         searches, largest, inside, repeated = self.counts
         return {
             "searches": int(searches), "largest": int(largest), "repeated": int(repeated),
@@ -62,7 +59,6 @@ class Meeting:
         return sooner if len(search_pairs(one.state, MARGIN * one.stride)[0]) else until
 
     def advance_to(self, until: float, watch: Action, between: Action) -> None:
-        """Advance all islands to a time [s], until none has missed a contact."""
         one = self.integrator
         if not np.any(self._going & (one.totals[:, run_totals.TIME] < until)):
             return  # the run was stopped after this stride
@@ -91,11 +87,9 @@ class Meeting:
 
     @property
     def _going(self) -> np.ndarray:
-        """Which bodies have not been stopped (n_bodies,), bool."""
         return self.integrator.memory[:, step_memory.CODE] == Stop.NONE
 
     def search(self) -> None:
-        """Find the pairs that can touch within the next stride, and the islands that they make; save the state."""
         one, state, going = self.integrator, self.integrator.state, self._going
         own, partner = search_pairs(state, MARGIN * one.stride)
         both = going[state.body[own]] & going[state.body[partner]]
@@ -115,7 +109,6 @@ class Meeting:
         one.paths[spheres] = np.column_stack((np.zeros(len(here)), here, here))
 
     def _connect(self) -> None:
-        """Find the islands. Raises GuardStop where one of them is too large to pay."""
         one = self.integrator
         slots = one.state.slots
         one.max_per_body = max(one.max_per_body, slots.max_per_body)
@@ -133,7 +126,6 @@ class Meeting:
             )
 
     def _missed(self) -> tuple[Numbers, Numbers]:
-        """Return the pairs of spheres that may have touched since the last search without being candidates."""
         state, going, n = self.integrator.state, self._going, self.integrator.state.slots.n_plates
         own, partner = may_have_touched(state, self._positions, self.integrator.paths)
         known = np.isin(self._keys(own, partner), self._keys(state.slots.own[n:], state.slots.partner[n:]))
@@ -163,7 +155,6 @@ class Meeting:
     # -- copies of the state --
 
     def _tables(self) -> dict[str, Array]:
-        """Return all tables that steps change, by their names in a snapshot (`engine.snapshot`)."""
         one = self.integrator
         tables = {name: getattr(one.state, name) for name in STATE}
         tables |= {f"slots_{name}": getattr(one.state.slots, name) for name in SLOTS}
@@ -196,7 +187,7 @@ found one by one: a grid for such distances would list all pairs of all bodies."
 
 def may_have_touched(state: State, positions: Array, swept: Array) -> tuple[Numbers, Numbers]:
     """Return the pairs of spheres of different bodies that may have touched: owners and partners. `positions`: (n, 3) of all
-    spheres at the last search [m]; `swept` (n, sphere_path.WIDTH): their paths since then."""
+    spheres at the last search [m]; `swept`: their paths since then."""
     paths = ROUNDED * swept[:, sphere_path.LENGTH]
     usual = min(float(paths.max()), OUTLIER * float(np.quantile(paths, 0.99)))
     own, partner = search_pairs(state, 2.0 * usual + float(state.D[domain.REACH]))
@@ -213,7 +204,6 @@ def may_have_touched(state: State, positions: Array, swept: Array) -> tuple[Numb
 
 
 def _with_fast(state: State, paths: Array, fast: Ints, own: Numbers, partner: Numbers) -> tuple[Numbers, Numbers]:
-    """Return these pairs and those of the `fast` spheres with all within reach of both paths, sorted."""
     S, free, n = state.S, state.side == EVERYTHING, state.n_spheres
     keys = [own.astype(np.int64) * n + partner]
     for i in fast[free[fast]]:
@@ -227,7 +217,6 @@ def _with_fast(state: State, paths: Array, fast: Ints, own: Numbers, partner: Nu
 
 
 def _nearest_images(state: State, between: Array) -> Array:
-    """Return separations (n, 3) [m] to the nearest images."""
     for axis in (0, 1):
         length = max(float(state.D[domain.LENGTH_X + axis]), 0.0)
         if length > 0.0:

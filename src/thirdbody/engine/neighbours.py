@@ -16,10 +16,8 @@ from thirdbody.kernels.tables import LOWER, contact_state, domain, height_field,
 
 
 def search(state: State, recorded: bool = True) -> None:
-    """Find all pairs that can touch before displacements reach the skin; transfer histories.
-
-    Records are transferred if this step was `recorded`; they are allocated then, or if a labeller needs them between outputs.
-    """
+    """Find all pairs that can touch before displacements reach the skin; transfer histories, and records if this step was
+    `recorded`."""
     old, world = state.slots, state.world
     capacity = max(64, int(1.3 * old.count), 2 * state.n_spheres)
     n_plates, own, partner = _pairs_within(state, state.skin + state.reach, capacity, debris=world.debris_meets)
@@ -38,7 +36,6 @@ def search(state: State, recorded: bool = True) -> None:
 
 
 def update_closest_points(state: State, update: Callable[[int, int, RoughPlates], None]) -> None:
-    """Update the closest points of rough plates for the present positions by a compiled function."""
     slots = state.slots
     tables = slots.own, slots.partner, state.S, state.P, slots.Q, state.D, state.lower_surface, state.upper_surface
     update(0, slots.n_plates, RoughPlates(*tables))
@@ -66,11 +63,8 @@ def slots_of(state: State, own: Numbers, partner: Numbers, n_plates: int, rows: 
 
 
 def plate_pairs(state: State) -> Candidates:
-    """Return all pairs of a sphere and a plate, without history.
-
-    Where bodies meet only plates, these are all contacts that may ever come: unlike the result of a search, they do not depend on
-    when other bodies made it due.
-    """
+    """Return all pairs of a sphere and a plate, without history: where bodies meet only plates, these are all contacts that may
+    ever come, whenever other bodies made a search due."""
     n, own, partner = _pairs_within(state, np.inf, 2 * BASINS * state.n_spheres, debris=False)
     none = np.zeros((n, contact_state.LAW))
     return slots_of(state, own, partner, n, (state.slots.Q[:0], none, none))
@@ -90,8 +84,7 @@ def replace_pairs(state: State, own: Numbers, partner: Numbers) -> None:
 
 
 def _between_groups(owner_body: Ints, partner_body: Ints, n_bodies: int) -> tuple[Numbers, Numbers, Numbers, Numbers]:
-    """Return `outer`, `remote_body`, `lowest` and `needs` of `Candidates` for pairs of bodies (owner, partner). Rows of remote
-    forces are sorted by chunk of the guest, then by candidate."""
+    """Return `outer`, `remote_body`, `lowest` and `needs` of `Candidates` for pairs of bodies (owner, partner)."""
     size, groups = BODIES * GROUP, -(-n_bodies // (BODIES * GROUP))
     others = np.flatnonzero(owner_body // size != partner_body // size)
     others = others[np.argsort(partner_body[others] // BODIES, kind="stable")]
@@ -106,7 +99,6 @@ def _between_groups(owner_body: Ints, partner_body: Ints, n_bodies: int) -> tupl
 
 
 def _carried_rows(state: State, n_plates: int, own: Numbers, partner: Numbers, recorded: bool) -> tuple[Array, Array]:
-    """Return H and R of new candidates, with the rows of those that were candidates before."""
     old, n = state.slots, len(own)
     H, R = table(n, old.H.shape[1]), table(n if recorded or state.physics.labels else 0, old.R.shape[1])
     for source, target in ((old.H, H), (old.R, R))[: 1 + recorded]:
@@ -124,18 +116,17 @@ def _carry(part: tuple[int, int], own: Numbers, partner: Numbers, target: Array,
             first = old.first + int(np.searchsorted(owners, own[piece[0]]))
             passes.carry_history(passes.CandidateRows(*piece, own, partner, target), old._replace(first=first))
 
-    distribute(pieces_of(*part, passes.FEWEST), lambda: carry)
+    distribute(pieces_of(*part, passes.MIN_SPHERES), lambda: carry)
 
 
 def _pairs_within(
     state: State, distance: float, capacity: int, plates: bool = True, debris: bool = True
 ) -> tuple[int, Numbers, Numbers]:
     """Return the number of pairs with plates, then owners and partners of all pairs with gaps smaller than `distance` [m].
-    `capacity`: number of pairs for which there is room in the first attempt; `plates`, `debris`: whether to find such pairs."""
+    `capacity`: room for pairs in the first attempt; `plates`, `debris`: whether to find such pairs."""
     world, spheres, cells = state.world, passes.Spheres(state.body, state.side), grid(state, distance) if debris else None
 
     def limit(exists: bool, surface: Array | None) -> tuple[int, float]:
-        """Return the number of basins of a plate, and the height [m] below which spheres may be near it."""
         if surface is None:
             return int(exists), distance
         return BASINS * int(exists), float(surface[height_field.MAX_HEIGHT]) + distance
@@ -152,7 +143,6 @@ def _pairs_within(
 
 
 def grid(state: State, skin: float) -> passes.Grid:
-    """Return the grid for a search of all spheres."""
     columns = np.ascontiguousarray(state.S[:, : sphere.RADIUS + 1].T)  # ten times faster in numpy than short rows
     cell = 2.0 * float(columns[sphere.RADIUS].max()) + skin
     lowest, highest = columns[:3].min(axis=1), columns[:3].max(axis=1)
@@ -166,7 +156,6 @@ def grid(state: State, skin: float) -> passes.Grid:
 
 
 def kinds_of(state: State, own: Numbers, partner: Numbers) -> Numbers:
-    """Return the row of the table of material pairs for each candidate (n,)."""
     if state.physics.kinds.size == 1:
         return np.full(len(own), state.physics.kinds.item(), np.int32)
     material = state.material[state.body]
@@ -190,10 +179,8 @@ FEW = 2048
 
 
 def remote_rows(slots: Candidates, body: np.ndarray, parts: int) -> Numbers:
-    """Return the row of F of every remote force, in the order of `remote_body`, where a pass has so many parts.
-
-    `body`: of every sphere. Which rows are used changes no bit of a run: forces are added in the order of `remote_body`.
-    """
+    """Return the row of F of every remote force, in the order of `remote_body`, where a pass has so many parts. Which rows are
+    used changes no bit of a run: forces are added in this order. `body`: of every sphere."""
     if len(slots.remote_body) <= FEW:
         return np.arange(len(slots.remote_body), dtype=np.int32)
     groups, size = len(slots.lowest), BODIES * GROUP
@@ -221,11 +208,8 @@ def remote_rows(slots: Candidates, body: np.ndarray, parts: int) -> Numbers:
 
 
 def force_rows(lowest: Numbers, parts: int) -> tuple[Numbers, int]:
-    """Return the row of a group's first body in the table of forces less its number, for each group, and the rows of the table.
-
-    Groups of a part that get forces from this part alone use the same rows one after the other; others have rows of their own
-    until these forces are added late.
-    """
+    """Return the row of a group's first body in the table of forces less its number, for each group, and the rows of the
+    table."""
     groups, size = len(lowest), BODIES * GROUP
     begin = _begins(groups, parts)
     alone = lowest >= begin
@@ -235,7 +219,6 @@ def force_rows(lowest: Numbers, parts: int) -> tuple[Numbers, int]:
 
 
 def _begins(groups: int, parts: int) -> np.ndarray:
-    """Return the first group of the part of each group."""
     begins = np.arange(parts + 1) * groups // parts
     return np.repeat(begins[:-1], np.diff(begins))
 

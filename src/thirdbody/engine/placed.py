@@ -41,7 +41,6 @@ class Placed:
     angular_velocities: Array
 
     def reordered(self, order: Ints) -> Placed:
-        """Return the same bodies in another order."""
         if np.array_equal(order, np.arange(len(order))):
             return self
         return Placed(
@@ -50,22 +49,18 @@ class Placed:
         )  # fmt: skip
 
     def sides(self) -> Ints:
-        """Return which plates and debris each sphere can touch (`kernels.tables`)."""
         given = [np.zeros(len(c.radii), np.int64) if c.sides is None else c.sides for c in self.clumps]
         return np.concatenate(given)
 
 
-FEWEST = BODIES * GROUP  # number of bodies up to which all form one group and keep their order
+ONE_GROUP = BODIES * GROUP  # number of bodies up to which all form one group and keep their order
 WIDTH = 1.25  # width of a column of the grid over the mean diameter of the bodies
 
 
 def in_columns(positions: Array, diameter: float) -> Ints:
-    """Return a spatial order (n,) of bodies, deterministically.
-
-    `positions` (n, 3) [m]; `diameter`: mean [m]. Columns of a square grid follow a Morton curve, which keeps neighbouring columns
-    close (Morton 1966); upwards in each column.
-    """
-    if len(positions) <= FEWEST:
+    """Return a spatial order (n,) of bodies of a mean `diameter` [m]: columns of a square grid follow a Morton curve, which keeps
+    neighbouring columns close (Morton 1966); upwards in each column."""
+    if len(positions) <= ONE_GROUP:
         return np.arange(len(positions))
     cells = np.floor((positions[:, :2] - positions[:, :2].min(axis=0)) / (WIDTH * diameter)).astype(np.int64)
     curve = _interleave_zeros(cells[:, 0]) | _interleave_zeros(cells[:, 1]) << 1

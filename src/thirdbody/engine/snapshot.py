@@ -3,11 +3,9 @@
 Data that follow from the scene (shapes, laws, schedules) are not stored: the run is built from its scene, then restored.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,10 +14,6 @@ from thirdbody.engine.guards import Ledger
 from thirdbody.engine.neighbours import slots_of
 from thirdbody.engine.state import Array, State
 from thirdbody.kernels.plates import BASINS
-
-if TYPE_CHECKING:
-    from thirdbody.engine.explicit import Explicit
-    from thirdbody.engine.implicit import Implicit
 
 FIXED = ("S", "B", "E", "orientations", "P", "A", "M", "X0")
 """Tables of a state whose shape follows from the scene; without S where it is the same array as B, or not kept."""
@@ -37,11 +31,9 @@ class Snapshot:
     pieces: dict[str, list[np.ndarray]] = field(default_factory=dict)
 
 
-def snapshot(state: State, integrator: Explicit | Implicit, ledger: Ledger) -> Snapshot:
-    """Return all variable data of a run, without copies: write them before the run continues.
-
-    Between two stops of an implicit run with contact between bodies they are those of an earlier instant (`Implicit.earlier`).
-    """
+def snapshot(state: State, integrator: Any, ledger: Ledger) -> Snapshot:
+    """Return all variable data of a run, without copies: write them before the run continues. Between two stops of an implicit
+    run with contact between bodies they are those of an earlier instant (`Implicit.earlier`)."""
     slots, pieces = state.slots, {}
     arrays: dict[str, np.ndarray] = dict(_fixed(state))
     if isinstance(slots.rows, ClosedRows):
@@ -58,7 +50,7 @@ def snapshot(state: State, integrator: Explicit | Implicit, ledger: Ledger) -> S
     }, pieces)  # fmt: skip
 
 
-def restore(captured: Snapshot, state: State, integrator: Explicit | Implicit, ledger: Ledger) -> None:
+def restore(captured: Snapshot, state: State, integrator: Any, ledger: Ledger) -> None:
     """Restore a snapshot into a new run. Raises ValueError, with the run unchanged, on mismatch."""
     captured = Snapshot(captured.arrays | {k: np.concatenate(parts) for k, parts in captured.pieces.items()}, captured.notes)
     own, fixed, notes = integrator.export_state()[0], _fixed(state), captured.notes
@@ -107,8 +99,8 @@ def _fixed(state: State) -> dict[str, Array]:
 
 
 def _slots(captured: Snapshot, state: State) -> Candidates:
-    """Return the candidates of a snapshot; index tables that follow from the pairs are computed again. Where only closed ones
-    have rows, the pairs are those of the built scene. Raises KeyError or ValueError."""
+    """Return the candidates of a snapshot; where only closed ones have rows, the pairs are those of the built scene. Raises
+    KeyError or ValueError."""
     slots, arrays, rows = state.slots, captured.arrays, state.slots.rows
     if isinstance(rows, ClosedRows):
         closed, H, R = (arrays[name] for name in (CLOSED, "slots_H", "slots_R"))

@@ -49,11 +49,7 @@ SUMMED = (
 
 @dataclass(frozen=True)
 class World:
-    """Domain and plates. A domain that is not `periodic` is open, or ends at its `size` [m] if `bounded`.
-
-    `lower_surface`, `upper_surface`: heights of rough plates (`kernels.height_field.pack_field`), None where they are flat;
-    `curved`: whether the curvature of the lower and of the upper one enters the effective radius.
-    """
+    """Domain and plates. A domain that is not `periodic` is open, or ends at its `size` [m] if `bounded`."""
 
     size: tuple[float, float]
     periodic: bool
@@ -61,9 +57,9 @@ class World:
     lower: int | None
     upper: UpperPlate | None
     debris_meets: bool
-    lower_surface: Array | None = None
+    lower_surface: Array | None = None  # heights (`kernels.height_field.pack_field`); None: flat
     upper_surface: Array | None = None
-    curved: tuple[bool, bool] = (True, True)
+    curved: tuple[bool, bool] = (True, True)  # whether the curvature of lower and upper plate enters the effective radius
 
     @property
     def rough(self) -> bool:
@@ -71,16 +67,13 @@ class World:
 
     @property
     def schedule(self) -> Schedule:
-        """Schedule of the upper plate; one without motion if there is none."""
         return Schedule() if self.upper is None else self.upper.schedule
 
 
 @dataclass(frozen=True)
 class Measures:
-    """Measures of a scene: the compiled function, its parameters (one row per pair), and where numbers are kept.
-
-    `cells`: number of cells of the maps along x and y; 0: no maps.
-    """
+    """Measures of a scene: compiled function, parameters (a row per pair), where numbers are kept, cells of the maps along x and
+    y."""
 
     function: Callable
     parameters: Array
@@ -119,31 +112,23 @@ class Physics(Chain):
 
     @cached_property
     def stiffness_at(self) -> int:
-        """Address of `stiffness`, if there is one."""
         return address(self.stiffness, LAW)
 
     @property
     def moments(self) -> bool:
-        """Whether a contact has a law of the rolling stage."""
         return self.rolling & MOMENTS != 0
 
 
 @dataclass
 class State:
-    """Tables at one synchronised instant; columns are declared in `kernels.tables`.
-
-    S may be the same array as B; where it is not kept, it is made anew for each reader from `radii`. `side`
-    (n_spheres,): what a sphere can touch (`kernels.tables`). `order` (n_bodies,): number of each body in the scene and in all
-    outputs. `summed`: the integrator sums the elastic energies; otherwise they come from the records. `inertial`: bodies and
-    patches have inertia, thus kinetic energy. W, `maps`: what measures have collected (`engine.measures`).
-    """
+    """Tables at one synchronised instant; columns are declared in `kernels.tables`."""
 
     world: World
     physics: Physics
     B: Array
     E: Array
     orientations: Array
-    sphere_table: Array | None
+    sphere_table: Array | None  # may be B; None: made anew for each reader of S, from `radii`
     P: Array
     A: Array
     D: Array
@@ -153,7 +138,7 @@ class State:
     offsets: Array
     X0: Array
     body: Ints
-    side: NDArray[np.int8]
+    side: NDArray[np.int8]  # what a sphere can touch (`kernels.tables`)
     start: Ints
     patch: Ints
     material: Ints
@@ -161,14 +146,14 @@ class State:
     rayleigh_radius: Array
     slots: Candidates
     skin: float
-    order: Ints
-    W: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    order: Ints  # number of each body in the scene and in all outputs
+    W: Array = field(default_factory=lambda: np.zeros((0, 0)))  # like `maps` what measures have collected
     maps: Array = field(default_factory=lambda: np.zeros((0, 2, 1, 1)))
     radii: Array = field(default_factory=lambda: np.zeros(0))  # of spheres that are not kept
     dt: float = 0.0
     searches: int = 0
-    summed: bool = False
-    inertial: bool = True
+    summed: bool = False  # whether the integrator sums the elastic energies; otherwise they come from the records
+    inertial: bool = True  # whether bodies and patches have inertia, thus kinetic energy
 
     @property
     def n_bodies(self) -> int:
@@ -200,49 +185,40 @@ class State:
 
     @property
     def upper_surface(self) -> Array:
-        """The same of the upper plate."""
         return FLAT if self.world.upper_surface is None else self.world.upper_surface
 
     @property
     def given(self) -> Ints:
-        """Row (n_bodies,) of each body of the scene."""
         return np.argsort(self.order)
 
     @property
     def given_spheres(self) -> Ints:
-        """Row (n_spheres,) of each sphere of the scene."""
         given = self.given
         counts = np.diff(self.start)[given]
         return np.repeat(self.start[given] - (np.cumsum(counts) - counts), counts) + np.arange(self.n_spheres)
 
     @property
     def bodies(self) -> Rows:
-        """Bodies by name (`kernels.tables.body`, `body_extra`, `orientation`)."""
         return Rows((self.B, body), (self.E, body_extra), (self.orientations, orientation))
 
     @property
     def spheres(self) -> Rows:
-        """Spheres by name (`kernels.tables.sphere`)."""
         return Rows((self.S, sphere))
 
     @property
     def patches(self) -> Rows:
-        """Patches of the upper plate by name (`kernels.tables.patch`)."""
         return Rows((self.P, patch))
 
     @property
     def search_poses(self) -> Rows:
-        """Poses of the bodies at the last search by name (`kernels.tables.search_pose`)."""
         return Rows((self.X0, search_pose))
 
     @property
     def time(self) -> float:
-        """Time since the start [s]."""
         return float(self.A[run_totals.TIME])
 
     @property
     def distance(self) -> float:
-        """Path length [m] of the upper plate relative to the lower one since the start."""
         return float(self.A[run_totals.DISTANCE])
 
 
@@ -308,22 +284,18 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
 
 
 def rayleigh_times(state: State, materials: Sequence[Material]) -> Array:
-    """Return the times (n_bodies,) [s] of a Rayleigh wave around spheres with the volumes of the bodies.
-
-    pi R sqrt(rho/G)/(0.1631 nu + 0.8766)
-    """
+    """Return the times (n_bodies,) [s] of a Rayleigh wave around spheres with the volumes of the bodies:
+    pi R sqrt(rho/G)/(0.1631 nu + 0.8766)."""
     per_radius = [math.pi * math.sqrt(m.density / m.shear_modulus) / (0.1631 * m.poisson_ratio + 0.8766) for m in materials]
     return np.array(per_radius)[state.material] * state.rayleigh_radius
 
 
 def angular_momentum(B: Array, E: Array, orientations: Array) -> Array:
-    """Return the angular momenta (n, 3) [kg m2/s] in world axes."""
     q = orientations[:, orientation.QUATERNION4]
     return to_world(q, to_body(q, B[:, body.SPIN3]) * E[:, body_extra.INERTIA3])
 
 
 def refresh_spheres(state: State) -> None:
-    """Update positions, arms and velocities of all spheres from the bodies."""
     body_pass.place_all(True, state.start, state.offsets, state.S, state.B, state.E, state.orientations)
 
 

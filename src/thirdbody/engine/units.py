@@ -45,7 +45,7 @@ SECONDS, FEWER = {"common_plate": 24, "driver": 20, "passes": 18, "step": 10}, 6
 """Processor time [s] of one core of 2.5 GHz, roughly, for the long units, with their laws, and at most for each other one."""
 
 MARK = "compiled-"  # beginning of the names of files in the cache folder that mark a unit whose compiled code is complete
-PATIENCE = 300.0  # time [s] to wait for the child processes; the main process compiles what they have not finished
+TIMEOUT = 300.0  # time [s] to wait for the child processes; the main process compiles what they have not finished
 PROCESSES = 4  # maximum number of processes: the longest unit takes longer to compile than a quarter of the rest
 
 _begun: tuple[tuple[str, ...], int, list[subprocess.Popen[bytes]]] | None = None
@@ -68,16 +68,13 @@ def entries(unit: str) -> Iterator[Any]:
 
 
 def start_compiling(units: Sequence[str]) -> None:
-    """Start child processes that compile the units that are probably needed, at the first start of all.
-
-    `warm_up` gets those that are. Later starts wait for it: what is expected in vain would be compiled, and dropped, every time.
-    """
+    """Start child processes that compile the units that are probably needed, at the first start of all. Later starts wait for
+    `warm_up`: what is expected in vain would be compiled, and dropped, every time."""
     if _begun is None and len(_missing(tuple(UNITS))) == len(UNITS):
         _begin(tuple(units), min(cores(), PROCESSES) - 1)
 
 
 def report_compilation() -> None:
-    """Report once why this start compiles, on standard error, and about how long."""
     global _reported
     if _begun is None or _reported:
         return
@@ -103,7 +100,7 @@ def warm_up(units: Sequence[str]) -> None:
     try:
         with paused("compiler"):
             work_off(names, queue)
-        last = time.monotonic() + PATIENCE
+        last = time.monotonic() + TIMEOUT
         if all([other.wait(max(last - time.monotonic(), 0.0)) == 0 for other in others]):
             for unit in names:
                 (cache.cache_folder() / f"{MARK}{unit}").touch()
@@ -114,7 +111,6 @@ def warm_up(units: Sequence[str]) -> None:
 
 
 def work_off(names: Sequence[str], queue: int) -> None:
-    """Compile the units left in the queue, which has their places in `names`."""
     while token := os.read(queue, 1):
         unit = names[token[0]]
         _optimise(cold=unit in COLD_UNITS)
@@ -127,7 +123,6 @@ def _missing(units: Sequence[str]) -> tuple[str, ...]:
 
 
 def _begin(names: tuple[str, ...], processes: int) -> None:
-    """Queue these units, and start so many child processes that compile them."""
     global _begun
     queue, end = os.pipe()  # one byte per unit, removed by the process that reads it
     os.write(end, bytes(range(len(names))))
@@ -138,7 +133,6 @@ def _begin(names: tuple[str, ...], processes: int) -> None:
 
 
 def _end() -> None:
-    """Terminate the child processes; what they have compiled remains in the cache."""
     global _begun
     if _begun is None:
         return

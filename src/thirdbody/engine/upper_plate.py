@@ -23,8 +23,6 @@ JUST_BEFORE = 1.0 - 1e-9
 
 @dataclass(frozen=True)
 class Segment:
-    """Segment of a schedule, valid until the next one starts (`kernels.schedule`)."""
-
     start: float
     kind: int
     a: float
@@ -32,7 +30,6 @@ class Segment:
     c: float = 0.0
 
     def value(self, t: float) -> float:
-        """Return the value at time t [s]."""
         tau = t - self.start
         if self.kind == motion.SINE:
             return self.a + 0.5 * self.b * (1.0 - math.cos(self.c * tau))
@@ -64,7 +61,6 @@ class Schedule:
     load: Axis = ()
 
     def tables(self) -> tuple[Array, Ints]:
-        """Return the rows (n, COLUMNS) of all segments and the first row of each axis (5,) for the kernels."""
         axes = self.x, self.y, self.gap, self.load
         rows = [[s.start, s.kind, s.a, s.b, s.c] for axis in axes for s in axis]
         first = np.concatenate(([0], np.cumsum([len(axis) for axis in axes]))).astype(np.int64)
@@ -115,10 +111,8 @@ class Schedule:
         return (v_x / speed, v_y / speed) if speed > 0.0 else self.direction()
 
     def closed_paths(self, origin: float = 0.0) -> list[tuple[float, float, float]]:
-        """Return start and end (possibly infinite) after `origin`, and period [s] of the intervals in which the path closes.
-
-        In them each axis goes back and forth or rests; the ratio of the periods of both is one of whole numbers up to WHOLE.
-        """
+        """Return start and end (possibly infinite) after `origin`, and period [s] of the intervals in which the path closes: each
+        axis goes back and forth or rests, and the ratio of the periods of both is one of whole numbers up to WHOLE."""
         intervals = []
         starts = sorted({s.start for s in (*self.x, *self.y)})
         for begin, until in pairwise([*starts, math.inf]):
@@ -132,11 +126,9 @@ class Schedule:
         return intervals
 
     def displacement_at(self, t: float) -> tuple[float, float]:
-        """Return the lateral displacement (x, y) [m] at time t [s]."""
         return at_time(self.x, t), at_time(self.y, t)
 
     def top_speed(self) -> float:
-        """Return the largest lateral speed [m/s]."""
         return math.hypot(_top_rate(self.x), _top_rate(self.y))
 
     def largest_load(self, start: float = 0.0, end: float = math.inf) -> float:
@@ -196,8 +188,7 @@ class Schedule:
             yield t, until, None if None in rates else math.hypot(*rates)  # type: ignore[arg-type]
 
     def _cycles(self, begin: float, until: float) -> tuple[float, float]:
-        """Return the number (possibly infinite) of whole cycles in an interval, and the period [s]. (0, 0) where the motion is
-        not periodic."""
+        """Return the number of whole cycles in an interval, and the period [s]; (0, 0) where the motion is not periodic."""
         valid = [_segment_at(axis, begin) for axis in (self.x, self.y) if _constant_rate(axis, begin) is None]
         cycles = {_period(s) for s in valid if s}
         if len(cycles) != 1 or 0.0 in cycles:
@@ -224,7 +215,6 @@ class Schedule:
 
 
 def rate_before(axis: Axis, time: float) -> float:
-    """Return the rate of change of an axis just before a time [s]."""
     before = [segment for segment in axis if segment.start < time]
     return before[-1].rate(max(time * JUST_BEFORE, before[-1].start)) if before else 0.0
 
@@ -300,11 +290,9 @@ class DirectContact:
     friction: float
 
     def force(self, gap: float) -> float:
-        """Return the normal force [N] at a mean gap [m]."""
         return self.prefactor * math.exp(-gap / self.length)
 
     def gap(self, load: float) -> float:
-        """Return the mean gap [m] at which direct contact alone carries a load [N]."""
         return self.length * math.log(self.prefactor / load)
 
 
@@ -322,11 +310,7 @@ class Foundation:
 
 @dataclass(frozen=True)
 class UpperPlate:
-    """Upper plate: patches and schedule.
-
-    Patches (one if the plate is rigid, otherwise one per body) have heights, masses, dashpots and loads; patches that are not
-    `free` follow the schedule's gap. Run and schedule share their time origin.
-    """
+    """Upper plate: patches (one if it is rigid, otherwise one per body), which follow the schedule's gap unless `free`."""
 
     material: int
     heights: Array
@@ -340,7 +324,6 @@ class UpperPlate:
     direct: DirectContact | None = None
 
     def table(self) -> Array:
-        """Return the rows of the patches, then the row of the common plate if there is a foundation."""
         P = np.zeros((len(self.heights) + (self.foundation is not None), patch.WIDTH))
         n = len(self.heights)
         P[:n, patch.HEIGHT], P[:n, patch.MASS], P[:n, patch.DAMPING] = self.heights, self.mass, self.damping

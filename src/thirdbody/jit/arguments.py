@@ -63,8 +63,7 @@ class Packer:
         self.given: Any = None  # the last ones; they keep the tables alive
         self._packed = np.zeros(0, np.int64)
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Return the state of a copy: it packs its own tables, since the addresses here are those of the original."""
+    def __getstate__(self) -> dict[str, Any]:  # a copy packs its own tables
         return {"_specs": self._specs, "given": None, "_packed": np.zeros(0, np.int64)}
 
     def __call__(self, given: NamedTuple) -> np.ndarray:
@@ -123,8 +122,6 @@ def _load_field(context: Any, builder: Any, kind: Any, value: Any, name: str) ->
 
 
 def make_unpacker(unpacked: Unpacked) -> Any:
-    """Return a function for kernels that makes the fields of packed arguments readable by name."""
-
     @_intrinsic
     def function(typing: Any, rows: Any) -> Any:
         def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -137,8 +134,6 @@ def make_unpacker(unpacked: Unpacked) -> Any:
 
 
 def make_view(unpacked: Unpacked) -> Any:
-    """Return a function for kernels that takes packed arguments for others that begin with the same fields."""
-
     @_intrinsic
     def function(typing: Any, given: Any) -> Any:
         return unpacked(given), lambda context, builder, sig, args: args[0]
@@ -147,7 +142,6 @@ def make_view(unpacked: Unpacked) -> Any:
 
 
 def table_at(context: Any, builder: Any, kind: Any, data: Any, *lengths: Any) -> Any:
-    """Return the contiguous table at a pointer, without reference counting."""
     model, size = context.data_model_manager[kind], _LONG(as_dtype(kind.dtype).itemsize)
     strides: list[Any] = []
     step = size
@@ -172,10 +166,9 @@ def table_at(context: Any, builder: Any, kind: Any, data: Any, *lengths: Any) ->
 def array_part(size: int, array: np.ndarray, first: int) -> np.ndarray:
     """Return `size` elements of a contiguous array (n,) of float64, from element `first` on, as a view of it.
 
-    `size`: in compiled functions a literal or a constant of the module. It is the first argument since integers behind an array
-    are indices for `numba_pipeline`, which types calls alike whatever their values. Compiled code does not check that `array` has
-    the elements, and must not use the view longer than it.
-    """
+    `size`: in
+    compiled functions a literal or a constant of the module, and the first argument, since integers behind an array are indices
+    for `numba_pipeline`. Compiled code does not check that `array` has the elements, and must not use the view longer."""
     return array[first : first + size]
 
 

@@ -4,10 +4,9 @@ numba's cache notices a change only in the file of the compiled function itself,
 named by a hash of all sources can never serve stale machine code. Its code is executed, so only this user may be able to write
 there: a folder of another user is not used. Importing this module imports nothing heavy.
 
-numba assumes that its files are complete: a truncated index ends in a traceback, and altered machine code is executed. So each of
-them ends with a digest, and a damaged one is compiled anew. They are stamped with a hash of their source, not with its time: a
-copy of the cache, or of the program, compiles nothing. And numba tries another folder, next to the source, where it cannot write
-into ours; stale code could be loaded from there.
+numba assumes that its files are complete: so each of them ends with a digest, and a damaged one is compiled anew. They are
+stamped with a hash of their source, not with its time: a copy of the cache, or of the program, compiles nothing. And numba tries
+another folder, next to the source, where it cannot write into ours; stale code could be loaded from there.
 """
 
 import atexit
@@ -49,10 +48,8 @@ _frozen: set[str] = set()
 
 @functools.cache
 def cache_folder() -> Path:
-    """Return the cache folder, created if needed; `THIRDBODY_CACHE` overrides its parent.
-
-    Raises OutputError if it cannot be created, or if another user could have written its content.
-    """
+    """Return the cache folder, created if needed; `THIRDBODY_CACHE` overrides its parent. Raises OutputError if it cannot be
+    created, or if another user could have written its content."""
     parent, digest = _parent(), hashlib.sha256(f"{version('numba')} {sys.version}".encode())
     for layer in LAYERS:
         for file in sorted((Path(__file__).parents[1] / layer).rglob("*.py")):
@@ -87,7 +84,6 @@ def folder() -> Path:
 
 
 def cannot_write(path: Path, error: OSError) -> OutputError:
-    """Return the error for compiled code that cannot be stored."""
     reason = error.strerror or str(error)
     return OutputError(f"{path}: compiled code cannot be written ({reason}); {VARIABLE} names another folder for it")
 
@@ -117,7 +113,6 @@ def paused(what: str) -> Iterator[None]:
 
 
 def _parent() -> Path:
-    """Return the parent of all cache folders: named by the variable, the user's, or a temporary one."""
     named = os.environ.get(VARIABLE)
     if named:
         path = Path(named).absolute()
@@ -136,7 +131,6 @@ def _parent() -> Path:
 
 
 def _usable(path: Path) -> bool:
-    """Return whether the folder is this user's, can be created and written, and closed to all others."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.mkdir(mode=0o700, exist_ok=True)
@@ -186,8 +180,8 @@ def _open_to_others(status: os.stat_result) -> bool:
 
 
 def _make_private(path: Path) -> None:
-    """Create a folder into which only this user can write; replace one into which others could write. Raises OutputError for one
-    that belongs to another user, OSError if it cannot be created."""
+    """Create a folder into which only this user can write; replace one into which others could write. Raises OutputError or
+    OSError."""
     with suppress(FileExistsError):
         path.mkdir(mode=0o700)
         return
@@ -213,7 +207,6 @@ def _is_ours(path: Path) -> bool:
 
 
 def _prune(parent: Path) -> None:
-    """Delete all folders with our mark but those used last. One deleted meanwhile by another process is no error."""
     used = {}
     for path in parent.iterdir():
         with suppress(OSError):
@@ -232,7 +225,6 @@ def _digest_of(path: str) -> bytes:
 
 
 def _is_whole(path: str) -> bool:
-    """Return whether a file can be read and ends with the digest of all bytes before it."""
     try:
         content = memoryview(Path(path).read_bytes())
     except OSError:

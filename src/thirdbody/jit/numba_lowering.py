@@ -1,11 +1,10 @@
 """Shorter intermediate code for what our kernels do most: tables, loops over a range, calls.
 
-For every access to one number of a table numba copies the table's header, all of its lengths and strides, into memory and leaves
-it to LLVM to find that none of it was needed: fifty lines instead of eight. It also stores every variable that several blocks use
-in memory, counts the passes of a loop in advance, in ninety lines instead of eight, and tests after each call whether an
-exception was raised. Here an access is written out, a variable with one definition that precedes all its uses remains a value, a
-loop compares its variable, and functions that cannot raise are not tested. The machine code does the same arithmetic in the same
-order, so no bit of a result depends on this; with the shorter pipeline (`numba_pipeline`) compilation takes half the time.
+For every access to one number of a table numba copies the table's header into memory and leaves it to LLVM to find that none of
+it was needed: fifty lines instead of eight. It also stores every variable that several blocks use in memory, counts the passes of
+a loop in advance, and tests after each call whether an exception was raised. Here an access is written out, a variable with one
+definition that precedes all its uses remains a value, a loop compares its variable, and functions that cannot raise are not
+tested. The machine code does the same arithmetic in the same order; with `numba_pipeline` compilation takes half the time.
 """
 
 from collections import Counter
@@ -26,8 +25,6 @@ _silent: set[str] = set()  # names of functions compiled here that return no err
 
 
 class _Builder(llvm.IRBuilder):  # type: ignore[misc]
-    """IR builder that finds the members of aggregates assembled in the same function."""
-
     def extract_value(self, agg: Any, idx: Any, name: str = "") -> Any:
         path = tuple(idx) if isinstance(idx, tuple | list) else (idx,)
         if len(path) == 1:
@@ -74,7 +71,6 @@ def _is_pure(instruction: Any) -> bool:
 
 
 def _prune(function: Any) -> None:
-    """Drop instructions whose results are not used."""
     instructions = [one for block in function.blocks for one in block.instructions]
     uses: Counter[int] = Counter()
     for one in instructions:
@@ -195,7 +191,6 @@ class _Lower(lowering.Lower):  # type: ignore[misc]
         return names <= self._singly_assigned_vars
 
     def _struct(self, kind: Any, members: tuple[Any, ...]) -> Any:
-        """Return a structure of these members as a value of a type."""
         value = self.context.get_value_type(kind)(llvm.Undefined)
         for k, member in enumerate(members):
             value = self.builder.insert_value(value, member, k)
@@ -218,7 +213,6 @@ class _Lower(lowering.Lower):  # type: ignore[misc]
         return result
 
     def _counted(self, name: str) -> bool:
-        """Return whether references to the value of a variable are counted."""
         return self.context.enable_nrt and self.context.data_model_manager[self.typeof(name)].contains_nrt_meminfo()
 
 
@@ -245,7 +239,5 @@ def _lasting(blocks: dict[int, Any]) -> set[str]:
 
 @compiler_machinery.register_pass(mutates_CFG=True, analysis_only=False)
 class ShortLowering(typed_passes.BaseNativeLowering):  # type: ignore[misc]
-    """`NativeLowering` with shorter code."""
-
     _name = "short_lowering"  # type: ignore[assignment]
     lowering_class = _Lower  # type: ignore[assignment]

@@ -59,7 +59,7 @@ def _get_function_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
 
 
 def _list_variables(self: Any, value: Any) -> list[Any]:
-    """Return the variables in a part of an instruction, as `Inst._rec_list_vars`, in less than half the time."""
+    """Do as `Inst._rec_list_vars`, in less than half the time."""
     variables: list[Any] = []
     for one in value.values() if type(value) is dict else value if type(value) in (list, tuple) else (value,):
         kind = type(one)
@@ -204,8 +204,6 @@ class Own(compiler.CompilerBase):  # type: ignore[misc]
 
 
 class Inner(Own):
-    """The same for kernels that only kernels call."""
-
     def compile_extra(self, func: Any) -> Any:
         self.state.library = _Library(self.state.targetctx.codegen(), func.__qualname__)
         return super().compile_extra(func)
@@ -238,5 +236,4 @@ if KNOWN:  # numba may assume that SciPy has a BLAS, as we depend on it: the che
 
 
 def pipeline_options(pipeline: type[compiler.CompilerBase]) -> dict[str, Any]:
-    """Return the options that select this pipeline, if this version of numba is a tested one."""
     return {"pipeline_class": pipeline} if KNOWN else {}

@@ -49,9 +49,7 @@ BARE: dict[str, Any] = INNER | NO_COUNTS
 
 class Entry:
     """A kernel that Python calls, or passes as an address: compiled, or loaded from the cache, when it is first needed.
-
-    So importing a module compiles nothing. `engine.units` compiles entries beforehand, several at once.
-    """
+    `engine.units` compiles entries beforehand, several at once."""
 
     def __init__(self, function: Callable, signature: Any, options: dict[str, Any]) -> None:
         functools.update_wrapper(self, function)
@@ -70,10 +68,8 @@ class Entry:
         return (self._compiled or self.compiled())(*arguments)
 
     def get_compile_result(self, signature: Any) -> Any:
-        """Return what numba knows of the compiled code (`arguments.address`)."""
         return self.compiled().get_compile_result(signature)
 
 
 def entry(signature: Any, **options: Any) -> Callable[[Callable], Entry]:
-    """Return a decorator that declares a kernel with arguments of this signature; see `Entry`."""
     return lambda function: Entry(function, signature, options)

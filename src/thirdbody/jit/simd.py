@@ -119,8 +119,7 @@ def _lane_code(result: Any) -> Callable[[Callable], Any]:
 
 
 def memory_code(count: int, result: Any, *others: Any) -> Callable[[Callable], Any]:
-    """Return a decorator that makes an intrinsic function (table, `count` indices, ...) from `write(builder, pointer, ...)`, with
-    the pointer to a number of a contiguous table, which need not be aligned."""
+    """Return a decorator that makes an intrinsic function (table, `count` indices, ...) from `write(builder, pointer, ...)`."""
 
     def declare(write: Callable) -> Any:
         def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -165,13 +164,11 @@ def put(builder: Any, pointer: Any, v: Any) -> None:
 
 @code(four(types.float64))
 def broadcast(builder: Any, x: Any) -> Any:
-    """Return x in all lanes."""
     return _four_times(builder, x)
 
 
 @code(four(*[types.float64] * LANES))
 def set4(builder: Any, *numbers: Any) -> Any:
-    """Return the vector of four numbers (x, y, z, w)."""
     v = ir.Constant(_VECTOR, ir.Undefined)
     for k in range(LANES):
         v = builder.insert_element(v, numbers[k], _SPLIT(k))
@@ -205,7 +202,6 @@ def with_last(builder: Any, v: Any, w: Any) -> Any:
 
 @code(four(four, four))
 def cross(builder: Any, v: Any, w: Any) -> Any:
-    """Return the cross product of the first three lanes of v and of w."""
     v_1, v_2 = (_shuffle(builder, v, v, lanes) for lanes in ([1, 2, 0, 3], [2, 0, 1, 3]))
     w_1, w_2 = (_shuffle(builder, w, w, lanes) for lanes in ([1, 2, 0, 3], [2, 0, 1, 3]))
     return builder.fsub(builder.fmul(v_1, w_2), builder.fmul(v_2, w_1))
@@ -254,8 +250,8 @@ def flush_below(builder: Any, v: Any, minimum: Any) -> Any:
 
 @memory_code(1, _INT, four)
 def active_bits(builder: Any, pointer: Any, v: Any) -> Any:
-    """Return which lanes of v are positive (bits 0 to 3), and which ceased to be (bits 4 to 7): (closed, k, v). The latter are
-    not positive though `closed[k:k + 4]`, bytes, was not 0. Sets `closed` to 1 where v is positive, else to 0."""
+    """Return which lanes of v are positive (bits 0 to 3), and which are not though `closed[k:k + 4]`, bytes, was not 0 (bits 4 to
+    7): (closed, k, v). Sets `closed` to 1 where v is positive, else to 0."""
     pointer = builder.bitcast(pointer, _BYTES.as_pointer())
     was, on = builder.load(pointer, align=1), builder.fcmp_ordered(">", v, _VECTOR([0.0] * LANES))
     builder.store(builder.zext(on, _BYTES), pointer, align=1)
@@ -267,7 +263,7 @@ def active_bits(builder: Any, pointer: Any, v: Any) -> Any:
 @memory_code(1, _INT, _INT, _INT)
 def compress_store(builder: Any, pointer: Any, k: Any, bits: Any) -> Any:
     """Write the numbers k to k + 3 whose bit is set into the list A from m on, (A, m, k, bits); return their number. The elements
-    after them, up to m + 3, are overwritten with undefined values."""
+    up to m + 3 are overwritten."""
     rows = cgutils.global_constant(builder, "places", ir.ArrayType(_SHORTS, len(_POSITIONS))(_POSITIONS))
     ahead = builder.load(builder.gep(rows, [_SPLIT(0), bits]))
     first = builder.insert_element(_SHORTS(ir.Undefined), builder.trunc(k, _SPLIT), _SPLIT(0))
@@ -278,7 +274,6 @@ def compress_store(builder: Any, pointer: Any, k: Any, bits: Any) -> Any:
 
 @code(types.UniTuple(four, LANES)(four, four, four, four))
 def transpose(builder: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
-    """Return rows as columns: the first numbers of a, b, c and d, the second ones, and so on."""
     low, high = _shuffle(builder, a, b, [0, 4, 1, 5]), _shuffle(builder, a, b, [2, 6, 3, 7])
     low_2, high_2 = _shuffle(builder, c, d, [0, 4, 1, 5]), _shuffle(builder, c, d, [2, 6, 3, 7])
     columns = [

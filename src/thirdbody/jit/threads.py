@@ -1,17 +1,14 @@
 """Threads: pieces of work that Python deals out, and teams that divide the passes of a step within compiled code.
 
-Not numba's `prange`: it deals equal parts in advance, and only of what is inside compiled code; it wakes its threads for every
-pass, needs OpenMP or TBB where runs are made in several threads, and compiles everything twice.
+Not numba's `prange`: it deals equal parts in advance, wakes its threads for every pass, needs OpenMP or TBB where runs are made
+in several threads, and compiles everything twice.
 
-Pieces: compiled code releases the interpreter, and each thread of Python takes the next piece when it is ready, so that pieces of
-different cost, and what Python does between them, keep all cores at work.
+Pieces: compiled code releases the interpreter, and each thread of Python takes the next piece when it is ready.
 
-A team divides each pass over some tables, many passes in one call of a compiled function, thousands a second. The thread of the
-caller opens passes one after the other; helpers take part in them as soon as they run, which is some 50 us later, or ms where
-their cores are busy, so that nobody waits for a thread to start. Each member first takes the parts that are its own, which it had
-in the last pass, too: they may still be in its cache. Then it takes those of others, so that all end at about the same time. A
-pass begins and ends in less than a microsecond. What a thread wrote before it stores or adds to a word is seen by the thread that
-reads the new number.
+A team divides each pass over some tables, thousands a second. The thread of the caller opens passes; helpers take part in them as
+soon as they run, so that nobody waits for a thread to start. Each member first takes the parts that are its own, which it had in
+the last pass, too: they may still be in its cache. Then it takes those of others. What a thread wrote before it stores or adds to
+a word is seen by the thread that reads the new number.
 """
 
 import itertools
@@ -36,7 +33,7 @@ from thirdbody.jit.simd import code, memory_code
 
 Piece = TypeVar("Piece")
 
-PIECES, FEWEST, WORTH = 8, 8, 64.0
+PIECES, MIN_BODIES, WORTH = 8, 8, 64.0
 """Pieces per thread, so that none waits long for the last one; fewest bodies of a piece, which begins and ends in some 10 us, and
 fewest trial steps, of 5 us each: threads start in 0.1 ms."""
 
@@ -56,22 +53,18 @@ def max_threads() -> int:
 
 
 def allow_threads(number: int) -> None:
-    """Set the number of threads of runs that this thread makes."""
     _allowed.number = number
 
 
 def allowed_threads() -> int:
-    """Return the number of threads of runs that this thread makes: at first the largest one."""
     return getattr(_allowed, "number", None) or max_threads()
 
 
 def parts_of(first: int, last: int, tries: float) -> list[tuple[int, int]]:
-    """Return `pieces_of` for bodies with so many trial steps each, at most."""
-    return pieces_of(first, last, max(FEWEST, math.ceil(WORTH / tries)))
+    return pieces_of(first, last, max(MIN_BODIES, math.ceil(WORTH / tries)))
 
 
 def pieces_of(first: int, last: int, fewest: int) -> list[tuple[int, int]]:
-    """Return the ranges into which `first` to `last` - 1 are divided for the threads of this run, of at least `fewest` each."""
     maximum = PIECES * allowed_threads() if allowed_threads() > 1 else 1
     number = max(1, min(maximum, (last - first) // fewest))
     edges = [first + k * (last - first) // number for k in range(number + 1)]
@@ -79,25 +72,23 @@ def pieces_of(first: int, last: int, fewest: int) -> list[tuple[int, int]]:
 
 
 def distribute(pieces: Sequence[Piece], make_worker: Callable[[], Callable[[Piece], None]]) -> None:
-    """Pass each piece, in their order, to one of as many workers as there are threads for this run.
-
-    `make_worker`: makes the worker of a thread, with its scratch. Raises what a worker raises, after all have ended.
-    """
+    """Pass each piece, in their order, to one of as many workers as there are threads for this run, made by `make_worker` with
+    their scratch. Raises what a worker raises, after all have ended."""
     threads, left = min(allowed_threads(), len(pieces)), iter(pieces)
 
-    def work() -> None:
+    def run() -> None:
         do = make_worker()
         for piece in left:  # the next one of a list is given to one thread only
             do(piece)
 
-    with _at_work([_pool(os.getpid()).submit(work) for _ in range(1, threads)]):
-        work()
+    with _at_work([_pool(os.getpid()).submit(run) for _ in range(1, threads)]):
+        run()
 
 
 @contextmanager
 def helpers(members: int, team: np.ndarray, help_out: Callable[[int], None]) -> Iterator[None]:
-    """Let the other members of a team help with the passes that this thread opens within the block. `help_out(member)` returns
-    once the team is dismissed."""
+    """Let the other members of a team help with the passes of this thread; `help_out(member)` returns once the team is
+    dismissed."""
     team[FIRST::LINE], team[DISMISSED] = CLOSED, 0
     with _at_work([_pool(os.getpid()).submit(help_out, member) for member in range(1, members)]):
         try:
@@ -210,7 +201,6 @@ def pause(builder: Any) -> None:
 
 @code(types.void())
 def sleep(builder: Any) -> None:
-    """Sleep as briefly as the system allows, 1 ms or some 70 us, so that another thread can use the core."""
     if os.name == "nt":
         _call(builder, _INT, "Sleep", 1)
     else:
@@ -241,7 +231,6 @@ def next_part(words, member, members, parts):
 
 @njit(**BARE)
 def wait_again(attempts):
-    """Wait a moment after so many attempts, and return their new number."""
     if attempts < SPINS:
         pause()
     else:
@@ -251,7 +240,6 @@ def wait_again(attempts):
 
 @njit(**BARE)
 def close_pass(words, parts):
-    """Wait until all parts are done."""
     attempts = 0
     while load_word(words, DONE) < parts:
         attempts = wait_again(attempts)

@@ -14,7 +14,9 @@ from numba import types
 from thirdbody.jit.arguments import Kinds, Unpacked, make_unpacker, make_view
 
 
-class ContactStep(NamedTuple):
+class ContactStep(
+    namedtuple("ContactStep", "load force limit slip speed friction_work contact_radius peak_pressure overlap dt plate")
+):
     """What a contact did in a step, input of measures.
 
     Attributes
@@ -39,43 +41,21 @@ class ContactStep(NamedTuple):
         1 where the partner is a plate, 0 where it is another body.
     """
 
-    load: float
-    force: float
-    limit: float
-    slip: float
-    speed: float
-    friction_work: float
-    contact_radius: float
-    peak_pressure: float
-    overlap: float
-    dt: float
-    plate: float
 
-
-class Motion(NamedTuple):
-    """Length of a step [s] and mean velocity of the upper plate in it, along x and y [m/s]."""
-
-    dt: float
-    v_x: float
-    v_y: float
+Motion = namedtuple("Motion", "dt v_x v_y")  # length of a step [s] and mean velocity of the upper plate in it [m/s]
 
 
 class Step(NamedTuple):
-    """A step of the explicit integrator; usable as a `Motion`.
+    """A step of the explicit integrator; usable as a `Motion`."""
 
-    `number`: within this call of the step loop; `record`: output or labels need it; `time`: at its end [s]; `pending`: 1: the
-    closing half kick of the last step is pending, 0: it is done; `turn`: time for which the spins of single spheres rotate them
-    in this step [s], mostly 0 (`kernels.bodies`).
-    """
-
-    number: int | np.int64
-    record: bool
-    time: float
+    number: int | np.int64  # within this call of the step loop
+    record: bool  # output or labels need it
+    time: float  # at its end [s]
     dt: float
     v_x: float
     v_y: float
-    pending: float
-    turn: float
+    pending: float  # 1: the closing half kick of the last step is pending, 0: it is done
+    turn: float  # time for which the spins of single spheres rotate them in this step [s], mostly 0 (`kernels.bodies`)
 
 
 Tile = namedtuple("Tile", "inputs outputs tangents geometry")
@@ -134,7 +114,7 @@ KINDS: Kinds = {
     # numbers, and addresses of functions
     **dict.fromkeys(("field_begin", "field_size", "rolling", "force", "moment", "twist"), _I),
     **dict.fromkeys(("stored", "dashpots", "loss_column", "jumps"), _I),
-    **dict.fromkeys(("has_effects", "stride", "labels", "law", "effects", "observe", "observe_bodies", "work"), _I),
+    **dict.fromkeys(("has_effects", "stride", "labels", "law", "effects", "observe", "observe_bodies", "run_groups"), _I),
     "update_surfaces": _I,
     # measures: columns of a contact (0: none), address, parameters
     "measured": _I, "measure": _I, "measure_parameters": _ROW,
@@ -155,7 +135,7 @@ observed_of, as_observed = make_unpacker(OBSERVED_TYPE), make_view(OBSERVED_TYPE
 OBSERVE_BODIES = types.void(_I, _I, OBSERVED_TYPE, _ROW, _I, _ROW, _TABLE)
 """observe_bodies(first, last, observed, totals, address of the labeller's function, scratch: row of a body, its contacts)"""
 
-WORK = types.void(_I, _I, _I, _I, STEP, _I1)  # work(pass, part, first group, last group + 1, step, the packed `Context`)
+RUN_GROUPS = types.void(_I, _I, _I, _I, STEP, _I1)  # (pass, part, first group, last group + 1, step, the packed `Context`)
 
 EARLY, SWEEP, LATE, OBSERVATION = range(4)
 """Passes of a step. The sweep goes through its groups once and does all that a group needs; with several parts, bodies that

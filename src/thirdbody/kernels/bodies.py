@@ -1,14 +1,9 @@
-"""Positions and velocities of spheres from those of their bodies, and checks of bodies.
+"""Positions and velocities of spheres from those of their bodies, and checks of bodies, in chunks of fixed size.
 
-Bodies are processed in chunks of fixed size, so that sums over them have the same bits for any number of threads.
-
-Orientation of single-sphere bodies: no force depends on it, so it is integrated by a quadrature over several steps.
-
-The rotation in a block of `STEPS` steps is their length times the sum of the spins in the middle of each. Instead of all of them
-four are taken, with weights for which the sum is exact where a spin is a cubic polynomial in time (Gauss' idea, for sums). The
-spin of a contact of 40 steps, a half wave, is summed to 1e-4 of it; what a sphere does at constant spin is exact.
-
-What a stop in the middle of a block lacks is added to what it shows (`rotate_behind`), and not stored: stops change no bit.
+Orientation of single-sphere bodies: no force depends on it, so it is integrated by a quadrature over several steps. The rotation
+in a block of `STEPS` steps is their length times the sum of the spins in the middle of each. Instead of all of them four are
+taken, with weights for which the sum is exact where a spin is a cubic polynomial in time (Gauss' idea, for sums). What a stop in
+the middle of a block lacks is added to what it shows (`rotate_behind`), and not stored: stops change no bit.
 """
 
 import math
@@ -50,8 +45,7 @@ def store_three(S, s, c, v):
 
 @njit(**BARE)
 def place_sphere(s, offsets, motion, h, S):
-    """Set position, arm and velocities of sphere s, those of the step and those at its end. The arm for the step is that of half
-    a step of length 2 h ago. `motion`: a `BodyMotion` of vectors of four."""
+    """Set position, arm and velocities of sphere s by a `BodyMotion` of vectors of four. The step uses the arm of h [s] ago."""
     rotation, w = motion.rotation, motion.spin
     arm = rotation[0] * broadcast(offsets[s, 0]) + rotation[1] * broadcast(offsets[s, 1]) + rotation[2] * broadcast(offsets[s, 2])
     middle = arm - broadcast(h) * cross(w, arm)
@@ -72,27 +66,23 @@ def is_aliased(S):
 
 @njit(**BARE)
 def arm_to_sphere(s, S):
-    """Return the vector from its body's centre of mass to the centre of sphere s [m]."""
     return broadcast(0.0) if is_aliased(S) else load(S, s, sphere.ARM)
 
 
 @njit(**BARE)
 def vector(v):
-    """Return a tuple of three as a vector of four."""
     return set4(v[0], v[1], v[2], 0.0)
 
 
 @njit(**BARE)
 def columns(matrix):
-    """Return the columns of a matrix, a tuple of nine row by row, as vectors of four."""
     a, b, c, d, e, f, g, h, i = matrix
     return set4(a, d, g, 0.0), set4(b, e, h, 0.0), set4(c, f, i, 0.0)
 
 
 @njit(**BARE_CHUNK)
 def place_body(b, start, offsets, S, motion, dt):
-    """Set positions, arms and velocities of body b's spheres. `motion`: a `BodyMotion` of tuples of three, with the quaternion as
-    rotation."""
+    """Set positions, arms and velocities of body b's spheres by a `BodyMotion` of tuples of three, with the quaternion."""
     x, q, v, w, end_v, end_w = motion
     vectors = BodyMotion(vector(x), columns(matrix(q[0], q[1], q[2], q[3])), vector(v), vector(w), vector(end_v), vector(end_w))
     for s in range(start[b], start[b + 1]):
@@ -101,7 +91,6 @@ def place_body(b, start, offsets, S, motion, dt):
 
 @njit(**BARE_CHUNK)
 def spin_body(b, B, E, orientations):
-    """Update the angular velocity of body b from its angular momentum; for a single sphere the reverse."""
     if B[b, body.SPHERE_INERTIA] != 0.0:
         store_three(E, b, np.int64(body_extra.ANGULAR_MOMENTUM), broadcast(B[b, body.SPHERE_INERTIA]) * load(B, b, body.SPIN))
     else:
@@ -112,8 +101,7 @@ def spin_body(b, B, E, orientations):
 
 @entry(types.void(types.boolean, _I1, _F2, _F2, _F2, _F2, _F2), **DIRECT, **NO_COUNTS)
 def place_all(spins, start, offsets, S, B, E, orientations):
-    """Place all spheres at the present poses of their bodies, with present velocities; update the spins of bodies, or take them
-    as they are."""
+    """Place all spheres at the present poses and velocities of their bodies; update the spins of these, or take them as given."""
     for b in range(B.shape[0]):
         if spins:
             spin_body(b, B, E, orientations)
@@ -123,7 +111,6 @@ def place_all(spins, start, offsets, S, B, E, orientations):
 
 @njit(**BARE_CHUNK)
 def place_as_it_is(b, start, offsets, S, B, orientations):
-    """Place the spheres of body b at its present pose, with its present velocity and spin."""
     x, v, w = three(B, b, body.POSITION), three(B, b, body.VELOCITY), three(B, b, body.SPIN)
     place_body(b, start, offsets, S, BodyMotion(x, quaternion(b, orientations), v, w, v, w), 0.0)
 
@@ -151,16 +138,8 @@ def limits_of(D):
     return set4(low_x, low_y, D[domain.FLOOR], -np.inf), set4(high_x, high_y, np.inf, np.inf)
 
 
-@njit(**BARE_CHUNK)
-def reset_plate_forces(first, last, own, body, E):
-    """Reset the push of the upper plate on the bodies of candidates first to last; the contacts sum it again."""
-    for k in range(first, last):
-        E[np.uint64(body[own[k]]), body_extra.UPPER_PUSH] = 0.0
-
-
 @njit(**BARE)
 def largest_displacement(X0, B, E, orientations):
-    """Return an upper bound of the displacement of any point of a body since the last search [m]."""
     largest = 0.0
     for b in range(B.shape[0]):
         x = B[b, body.POSITION] - X0[b, search_pose.POSITION]
@@ -202,6 +181,6 @@ def rotate_sphere(q, w, time):
 
 @njit(**BARE)
 def rotate_behind(b, behind, B, orientations):
-    """Return the orientation of body b now, a vector of four. `behind`: `run_totals.BEHIND` [s], for a single sphere."""
+    """Return the orientation of body b now, a vector of four. `behind`: `run_totals.BEHIND` [s]."""
     q = load(orientations, b, orientation.QUATERNION)
     return q if B[b, body.SPHERE_INERTIA] == 0.0 or behind == 0.0 else rotate_sphere(q, load(B, b, body.SPIN), behind)

@@ -1,19 +1,14 @@
 """Dissipation by friction and dashpots of contacts in a step of velocity Verlet.
 
-A law books the work of the force at the end of the step, as the implicit integrator applies it. Bodies that move by velocity
-Verlet exchange the work of the mean of the forces at both ends: where a force jumps within a step (a contact that closes, opens
-or reverses while it slides) the two differ by half the jump times the slip, an error of first order. So here friction dissipates
-the work of the mean force less the change of the energy in the springs. A step in which that is negative creates energy: it
-counts as zero, and the energy remains visible as residual.
+A law books the work of the force at the end of the step. Bodies that move by velocity Verlet exchange the work of the mean of the
+forces at both ends: where a force jumps within a step, an error of first order. So here friction dissipates the work of the mean
+force less the change of the energy in the springs. A step in which that is negative creates energy: it counts as zero, and the
+energy remains visible as residual. Only laws whose force (or moment) is in their history can be booked so.
 
-Only laws whose force (or moment) is in their history can be booked so; for others their own booking holds. The forces of the
-dashpots follow the history of the laws, and dashpots dissipate the work of their mean force. Where a contact reverses within a
-step, that is negative by the order of the cube of the step; where the step is unstable, it is negative and large. It counts as
-zero, too: else the energy that such a step creates would be hidden from the guard.
+Dashpots dissipate the work of the mean of their forces, which follow the history of the laws; negative work counts as zero, too:
+else the energy that an unstable step creates would be hidden from the guard.
 
-Losses of normal laws, per body: plastic flow, necks. The history has what the law has dissipated since the contact closed.
-
-Kernels run only where `context.loss_column`, the column of the history, is not negative.
+Losses of normal laws, per body: the history has what the law has dissipated since the contact closed, in `context.loss_column`.
 """
 
 import numpy as np
@@ -49,7 +44,6 @@ def number_of(bits):
 
 @njit(**BARE)
 def pack_triple(x, y, z):
-    """Return one number that packs three: their common power of two, and 17 bits of each."""
     power = bits_of(max(max(abs(x), abs(y)), max(abs(z), SMALLEST)) * ROUNDING) & POWER
     fraction = number_of((2046 << 52) - power)  # one over the power of two
     a, b, c = bits_of(x * fraction + ROUND) & FIELD, bits_of(y * fraction + ROUND) & FIELD, bits_of(z * fraction + ROUND) & FIELD
@@ -58,13 +52,11 @@ def pack_triple(x, y, z):
 
 @njit(**BARE)
 def one_of(bits, power):
-    """Return the number in the last field."""
     return (number_of((bits & FIELD ^ SIGN) | WHOLE) - ZERO) * power
 
 
 @njit(**BARE)
 def unpack_triple(one):
-    """Return the three numbers that one packs; zeros of zero."""
     bits = bits_of(one)
     power = number_of(bits & POWER)
     return one_of(bits >> 34, power), one_of(bits >> 17, power), one_of(bits, power)
@@ -72,13 +64,12 @@ def unpack_triple(one):
 
 @njit(**BARE)
 def normal_loss_of(q, column, tile):
-    """Return the loss of contact q in the step [J]; `column` of the history."""
     return tile.outputs[(law_output.HISTORY + column) * TILE + q] - tile.inputs[(law_input.HISTORY + column) * TILE + q]
 
 
 @njit(**BARE_CHUNK)
 def add_normal_losses(n, slots, context, tile):
-    """Add the losses of the contacts slots[:n] to their bodies, to each half; that of a body of another group to its row of F."""
+    """Add the losses of the contacts slots[:n] to their bodies, to each half; in another group to its row of F."""
     E, body_of = context.E, context.body
     for q in range(n):
         k, work = np.int64(slots[q]), normal_loss_of(q, context.loss_column, tile)
@@ -92,26 +83,20 @@ def add_normal_losses(n, slots, context, tile):
 
 
 @njit(**BARE)
-def work_of_mean(q, old, new, displacement, tile):
-    """Return the work, at elements q to q + 3, of the mean of an old and a new vector [J], fields from `old` of the inputs and
-    from `new` of the outputs on; the `displacement` is two fields of the inputs."""
-    I, O, x = tile.inputs, tile.outputs, displacement  # noqa: E741
-    along = (get(I, q + old * TILE) + get(O, q + new * TILE)) * get(I, q + x * TILE)
-    across = (get(I, q + (old + 1) * TILE) + get(O, q + (new + 1) * TILE)) * get(I, q + (x + 1) * TILE)
-    return broadcast(0.5) * (along + across)
+def work_of_sum(q, old, new, x, tile):
+    """Return the work [J], at elements q to q + 3, of the sum of a field of the inputs and one of the outputs along another."""
+    return (get(tile.inputs, q + old * TILE) + get(tile.outputs, q + new * TILE)) * get(tile.inputs, q + x * TILE)
 
 
 @njit(**BARE)
-def twist_work_of_mean(q, old, new, twist, tile):
-    """Return the same of moments about the normal and of the rotation `twist` about it, one field each."""
-    I, O = tile.inputs, tile.outputs  # noqa: E741
-    return broadcast(0.5) * ((get(I, q + old * TILE) + get(O, q + new * TILE)) * get(I, q + twist * TILE))
+def work_of_mean(q, old, new, x, tile):
+    """Return the work [J] of the mean of two vectors of two fields each, from `old` and `new` on, along one from x on."""
+    return broadcast(0.5) * (work_of_sum(q, old, new, x, tile) + work_of_sum(q, old + 1, new + 1, x + 1, tile))
 
 
 @njit(**BARE_CHUNK)
 def book(n, context, tile):
-    """Replace the friction loss that the laws of n contacts booked by that of the mean force. The context has the columns of the
-    history with the force, both moments and the energy of the springs; moment, twist -1: none."""
+    """Replace the friction loss that the laws of n contacts booked by that of the mean force; moment, twist -1: none."""
     I, O, moment, twist = tile.inputs, tile.outputs, context.moment, context.twist  # noqa: E741
     old, new = law_input.HISTORY + context.force, law_output.HISTORY + context.force
     for q in range(0, n, LANES):
@@ -122,8 +107,8 @@ def book(n, context, tile):
             dissipated = dissipated - work_of_mean(q, law_input.HISTORY + moment, law_output.HISTORY + moment, rotation, tile)
         if twist >= 0:
             rotation = law_input.HISTORY + context.n_history + rolling_input.TWIST
-            work = twist_work_of_mean(q, law_input.HISTORY + twist, law_output.HISTORY + twist, rotation, tile)
-            dissipated = dissipated - work
+            work = work_of_sum(q, law_input.HISTORY + twist, law_output.HISTORY + twist, rotation, tile)
+            dissipated = dissipated - broadcast(0.5) * work
         dissipated = clamp_below(dissipated - get(O, q + law_output.STORED_TANGENTIAL * TILE), 0.0)
         before = get(O, q + law_output.DISSIPATED * TILE)
         put(O, q + law_output.DISSIPATED * TILE, before + (dissipated - get(O, q + law_output.FRICTION_LOSS * TILE)))
@@ -131,7 +116,6 @@ def book(n, context, tile):
 
 @njit(**BARE)
 def book_opened(n, context, tile):
-    """Do the same for n contacts that opened within the step: their loss goes to law_output.DISSIPATED."""
     O, force, moment = tile.outputs, law_output.HISTORY + context.force, law_output.HISTORY + max(context.moment, 0)  # noqa: E741
     twist = law_output.HISTORY + max(context.twist, 0)
     for q in range(n):
@@ -143,27 +127,7 @@ def book_opened(n, context, tile):
 
 
 @njit(**BARE_CHUNK)
-def load_dashpot_forces(n, context, I):  # noqa: E741
-    """Load the last forces and moments, if any, of the dashpots of n contacts over their velocities."""
-    column, n_history = context.dashpots, context.n_history
-    old = I[(law_input.HISTORY + column) * TILE :]
-    for q in range(n):
-        p = np.uint64(q)
-        I[p + law_input.NORMAL_VELOCITY * TILE], I[p + law_input.VELOCITY_X * TILE], I[p + law_input.VELOCITY_Y * TILE] = (
-            unpack_triple(old[p])
-        )
-    if has_dashpot_moments(context):
-        old, to = I[(law_input.HISTORY + column + 1) * TILE :], I[(law_input.HISTORY + n_history) * TILE :]
-        for q in range(n):
-            p = np.uint64(q)
-            to[p + rolling_input.RATE_X * TILE], to[p + rolling_input.RATE_Y * TILE], twist = unpack_triple(old[p])
-            if has_twist(context):
-                to[p + rolling_input.TWIST_RATE * TILE] = twist
-
-
-@njit(**BARE_CHUNK)
 def store_dashpot_forces(n, context, O):  # noqa: E741
-    """Store the forces and, if any, the moments of the dashpots of n contacts in the history."""
     new, behind = O[(law_output.HISTORY + context.dashpots) * TILE :], O[(law_output.HISTORY + context.n_history) * TILE :]
     for q in range(n):
         p = np.uint64(q)
@@ -179,13 +143,11 @@ def store_dashpot_forces(n, context, O):  # noqa: E741
 
 @njit(**BARE)
 def has_dashpot_moments(context):
-    """Return whether the history has moments of dashpots, in the column after that of their forces."""
     return context.n_history >= context.dashpots + 2
 
 
 @njit(**BARE)
 def separation_rate(q, G):
-    """Return the relative velocities along the normals, of the step, at elements q to q + 3 [m/s]."""
     n, v = q + geometry.MID_NORMAL * TILE, q + geometry.MID_VELOCITY * TILE
     x, y, z = get(G, n), get(G, n + TILE), get(G, n + 2 * TILE)
     return get(G, v) * x + get(G, v + TILE) * y + get(G, v + 2 * TILE) * z
@@ -196,25 +158,36 @@ def book_dashpots(n, dt, context, tile):
     """Write the energy that the dashpots of n contacts dissipate into law_output.DASHPOT_POWER [J]; store their forces."""
     I, O, half = tile.inputs, tile.outputs, broadcast(0.5 * dt)  # noqa: E741
     behind, rotation = law_output.HISTORY + context.n_history, law_input.HISTORY + context.n_history
-    load_dashpot_forces(n, context, I)
+    old = I[(law_input.HISTORY + context.dashpots) * TILE :]
+    for q in range(n):  # the last forces and moments, over the velocities
+        p = np.uint64(q)
+        I[p + law_input.NORMAL_VELOCITY * TILE], I[p + law_input.VELOCITY_X * TILE], I[p + law_input.VELOCITY_Y * TILE] = (
+            unpack_triple(old[p])
+        )
+    if has_dashpot_moments(context):
+        last, to = I[(law_input.HISTORY + context.dashpots + 1) * TILE :], I[rotation * TILE :]
+        for q in range(n):
+            p = np.uint64(q)
+            to[p + rolling_input.RATE_X * TILE], to[p + rolling_input.RATE_Y * TILE], twist = unpack_triple(last[p])
+            if has_twist(context):
+                to[p + rolling_input.TWIST_RATE * TILE] = twist
     for q in range(0, n, LANES):
         force = get(I, q + law_input.NORMAL_VELOCITY * TILE) + get(O, q + (behind + rolling_output.VISCOUS_NORMAL) * TILE)
-        old, slip = np.int64(law_input.VELOCITY_X), np.int64(law_input.SLIP_X)
-        across = work_of_mean(q, old, behind + rolling_output.VISCOUS_X, slip, tile)
+        velocity, slip = np.int64(law_input.VELOCITY_X), np.int64(law_input.SLIP_X)
+        across = work_of_mean(q, velocity, behind + rolling_output.VISCOUS_X, slip, tile)
         work = half * force * separation_rate(q, tile.geometry) + across
         if has_dashpot_moments(context):
             rate, moment = rotation + rolling_input.RATE_X, behind + rolling_output.VISCOUS_MOMENT_X
             work = work + work_of_mean(q, rate, moment, rotation + rolling_input.ROTATION_X, tile)
         if has_twist(context):
             rate, moment = rotation + rolling_input.TWIST_RATE, behind + rolling_output.VISCOUS_TWIST
-            work = work + twist_work_of_mean(q, rate, moment, rotation + rolling_input.TWIST, tile)
+            work = work + broadcast(0.5) * work_of_sum(q, rate, moment, rotation + rolling_input.TWIST, tile)
         put(O, q + law_output.DASHPOT_POWER * TILE, clamp_below(broadcast(0.0) - work, 0.0))
     store_dashpot_forces(n, context, O)
 
 
 @njit(**BARE)
 def book_opened_dashpots(n, dt, context, tile):
-    """Return the energy that the dashpots of n contacts dissipated in the step in which they opened [J]."""
     O, behind = tile.outputs, law_output.HISTORY + context.n_history  # noqa: E741
     for q in range(n):
         for h in range(rolling_output.VISCOUS_NORMAL, rolling_output.VISCOUS_MOMENT_Y + 1):

@@ -5,22 +5,18 @@ overlap d_i only d_i - sum_j g_ij N_j presses on the spot itself:
 
     N_i = K_i (d_i - sum_j g_ij N_j)^(3/2),      K_i = 4/3 E* R_i^(1/2) of Hertz
 
-All spots of a body on a side are solved at once. The energy is the sum of the springs, U_i(d_i - relief_i), and of the pairs,
-1/2 sum_i N_i relief_i, with the relief sum_j g_ij N_j. Its derivative by d_i is N_i, as without interaction, and by g_ij is
--N_i N_j: where the distance of two spots changes, as the body turns, a force N_i N_j g/r along the plate draws them together. It
-acts on the centres of the spheres. Contacts, laws and history are those of the relieved overlap; arms are those of the whole one.
-
-The equations are those of a minimum of a convex function of the forces. Spots nearer than NEAR of the smaller radius count as at
-that distance: their contact areas touch, if not more, and are no points for each other. With the contact radius
-a = (R (d - relief))^(1/2) of each spot, N = Q a^3, Q = K/R:
+The energy is the sum of the springs, U_i(d_i - relief_i), and of the pairs, 1/2 sum_i N_i relief_i, with the relief
+sum_j g_ij N_j. Its derivative by d_i is N_i, as without interaction, and by g_ij is -N_i N_j: as the distance of two spots
+changes, a force N_i N_j g/r along the plate draws them together, at the centres of the spheres. Contacts, laws and history are
+those of the relieved overlap; arms are those of the whole one. Spots nearer than NEAR of the smaller radius count as at that
+distance. With the contact radius a = (R (d - relief))^(1/2) of each spot, N = Q a^3, Q = K/R:
 
     a_i^2 + R_i sum_j g_ij Q_j a_j^3 = R_i d_i
 
-Two and three spots are solved by Newton's method from a start that is right to the second order in relief over overlap: two steps
-reach rounding at ten contact radii, three at three. They wait in lanes until there are enough for the processor's vectors: an
-explicit step of clumps takes 1.2 to 1.3 times as long as without the effect, 1.5 one by one, 2.5 by sweeps. More spots, and those
-of which one is relieved wholly, are solved by sweeps that minimise the convex energy by one force after the other, which converge
-from any start. Nothing is kept from step to step: forces are a function of the positions alone.
+Two and three spots are solved by Newton's method from a start that is right to the second order in relief over overlap. They wait
+in lanes until there are enough for the processor's vectors: an explicit step of clumps takes 1.2 to 1.3 times as long as without
+the effect, 1.5 one by one, 2.5 by sweeps. More spots, and those of which one is relieved wholly, are solved by sweeps that
+minimise the convex energy by one force after the other. Nothing is kept from step to step.
 """
 
 import math
@@ -47,10 +43,9 @@ FAR = 1.0  # place of a spot that carries nothing [m]
 SWEEPS = 60  # most sweeps. Spots at 10, 3 and 2 contact radii take 6, 9 and 12 to rounding
 ACCURACY = 1e-15  # change of the relief over the overlap that ends the sweeps
 
-# Spots of a body on the plates, in scratch.
 spot = Table(
     "W",
-    "a spot",
+    "a spot of a body",
     number=number("", "its contact, in the list of the group"),
     x=number("m", "centre of its sphere from that of its body, along x"),
     y=number("m", "the same along y"),
@@ -61,10 +56,9 @@ spot = Table(
     sphere_radius=number("m", "radius of its sphere"),
 )
 
-# Two or three spots of a body on one plate, in scratch: a lane of LANES, structure of arrays.
 lane = Table(
     "L",
-    "a group of two or three spots",
+    "two or three spots of a body on one plate, a lane of LANES",
     row=number("", "where its rows of W begin"),
     count=number("", "number of its spots"),
     compliance=number("m2/N", "displacement of the plate times distance over force"),
@@ -84,7 +78,6 @@ lane = Table(
 
 @njit(**BARE)
 def gather_spot(e, k, at, context, W):
-    """Write spot number e, candidate k, into row `at` of W."""
     i, S = context.own[k], context.S
     radius, overlap = plates.effective_radius(k, context), plates.overlap(k, context)
     W[at + spot.NUMBER] = e
@@ -110,14 +103,12 @@ def compliance(a, b, c, W):
 
 @njit(**BARE)
 def finish(a, force, relief, pull, W, spots):
-    """Write the results of the spot in row a."""
     e = np.uint64(W[a + spot.NUMBER])
     spots.relief[e], spots.force[e], (spots.pull_x[e], spots.pull_y[e]) = relief, force, pull
 
 
 @njit(**BARE)
 def lone_force(a, W):
-    """Return Hertz' force of the spot in row a [N]."""
     square = max(W[a + spot.SQUARE], 0.0)
     return W[a + spot.FACTOR] * math.sqrt(square) * square
 
@@ -179,8 +170,7 @@ def lane_compliance(t, p, q, L):
 
 @njit(**BARE)
 def newton_step(radii, compliances, one, two, three):
-    """Return the contact radii of three spots after a step of Newton's method, and the steps. `compliances`: g of the pairs 1 2,
-    1 3 and 2 3; `one`, `two`, `three`: radius, force over a^3 and a^2 alone of each spot."""
+    """Return contact radii of three spots after a step of Newton's method, and the steps; g of the pairs 1 2, 1 3 and 2 3."""
     (u1, u2, u3), (g, h, k), (r1, q1, y1), (r2, q2, y2), (r3, q3, y3) = radii, compliances, one, two, three
     n1, n2, n3 = q1 * u1 * u1, q2 * u2 * u2, q3 * u3 * u3
     e1 = u1 * u1 + r1 * (g * n2 * u2 + h * n3 * u3) - y1
@@ -201,8 +191,7 @@ def newton_step(radii, compliances, one, two, three):
 
 @njit(**BARE_CHUNK)
 def solve_lanes(L):
-    """Solve the groups in all lanes by Newton's method, at once in the processor's vectors; unused lanes hold anything. All make
-    the same number of steps, so that the bits of one do not depend on the others."""
+    """Solve the groups in all lanes, unused ones too, in equally many steps: the bits of one do not depend on the others."""
     for t in range(LANES):
         g, g_x, g_y = lane_compliance(t, 0, 1, L)
         h, h_x, h_y = lane_compliance(t, 0, 2, L)
@@ -234,7 +223,7 @@ def solve_lanes(L):
 
 @njit(**BARE_CHUNK)
 def finish_lanes(count, L, W, G, spots):
-    """Solve the groups in lanes 0 to `count` and write their results; by sweeps where Newton's method did not converge."""
+    """Solve the groups in lanes 0 to `count`; by sweeps where Newton's method did not converge."""
     solve_lanes(L)
     for t in range(count):
         first, n = int(L[t + lane.ROW * LANES]), int(L[t + lane.COUNT * LANES])
@@ -249,8 +238,7 @@ def finish_lanes(count, L, W, G, spots):
 
 @njit(**BARE)
 def solve_side(count, first, n, c, L, W, G, spots):
-    """Solve n spots in the rows from `first` on, or put two or three into lane `count`, with a third of two that is far off and
-    carries nothing; return the number of lanes in use."""
+    """Solve n spots in the rows from `first` on, or put two or three into lane `count`; return the number of lanes in use."""
     if n == 1:
         finish(first, lone_force(first, W), 0.0, (0.0, 0.0), W, spots)
     elif n > 3:
@@ -277,8 +265,7 @@ def tables(rows):
 
 @njit(**BARE)
 def solve_spots(count, first, last, slots, context, spots):
-    """Solve the spots slots[first:last], all of one body: those on the lower plate, then those on the upper one. Some are left in
-    the lanes (`finish_lanes`); returns how many are in use, of `count` before: two more at the most."""
+    """Solve the spots slots[first:last] of a body, or put them into at most two more lanes; return how many lanes are in use."""
     L, W = tables(spots.rows)
     low, high = first, last
     for e in range(first, last):
@@ -295,15 +282,7 @@ def solve_spots(count, first, last, slots, context, spots):
 
 
 @njit(**BARE_CHUNK)
-def solve_body(m, slots, context, spots):
-    """Solve the spots slots[:m] of one body."""
-    L, W = tables(spots.rows)
-    finish_lanes(solve_spots(np.int64(0), np.int64(0), m, slots, context, spots), L, W, W[m * spot.WIDTH :], spots)
-
-
-@njit(**BARE_CHUNK)
 def solve_bodies(m, slots, context, spots):
-    """Solve the m contacts with plates slots[:m], in order of their bodies."""
     L, W = tables(spots.rows)
     first, count = np.int64(0), np.int64(0)
     while first < m:
@@ -328,7 +307,6 @@ Spots = namedtuple("Spots", "relief force pull_x pull_y rows")
 
 
 def scratch_of(n):
-    """Return the numbers of scratch for n contacts: their fields, their rows, and lanes."""
     return FIELDS * n + spot.WIDTH * n + lane.WIDTH * LANES
 
 
@@ -339,32 +317,7 @@ def interact(context):
 
 
 @njit(**BARE)
-def place_spots(t, n, filled, spots, G):
-    """Write the n spots from number t on into the fields of a tile, and pad up to `filled` with the last one."""
-    for q in range(filled):
-        e = t + min(q, n - 1)
-        G[q + geometry.RELIEF * TILE], G[q + geometry.SPOT_FORCE * TILE] = spots.relief[e], spots.force[e]
-        G[q + geometry.PULL * TILE], G[q + (geometry.PULL + 1) * TILE] = spots.pull_x[e], spots.pull_y[e]
-
-
-@njit(**BARE)
-def spots_of(tile):
-    """Return the fields of a tile as spots, for the contacts of one body."""
-    G, a, b = tile.geometry, geometry.RELIEF * TILE, geometry.SPOT_FORCE * TILE
-    c, d = geometry.PULL * TILE, (geometry.PULL + 1) * TILE
-    return Spots(G[a : a + TILE], G[b : b + TILE], G[c : c + TILE], G[d : d + TILE], tile.outputs)
-
-
-@njit(**BARE)
-def spots_in(gaps):
-    """Return the scratch of a group, which its overlaps no longer need, as spots."""
-    n = (gaps.shape[0] - lane.WIDTH * LANES) // (FIELDS + spot.WIDTH)
-    return Spots(gaps[:n], gaps[n : 2 * n], gaps[2 * n : 3 * n], gaps[3 * n : 4 * n], gaps[FIELDS * n :])
-
-
-@njit(**BARE)
 def relieve(n, tile):
-    """Relieve the overlaps of n contacts, for the laws."""
     I, G = tile.inputs, tile.geometry  # noqa: E741
     for q in range(n):
         overlap = I[q + law_input.OVERLAP * TILE]

@@ -8,12 +8,10 @@ A local minimum of f = (p - c)^2/2 is a zero of
 (G: metric, H: second derivatives of h). With M = F^-1 it moves with the centre by dp = M (t.dc); all derivatives follow.
 Distance and normal are those along c - p. On a field of zeros they are exactly the height of c and (0, 0, 1).
 
-All local minima of the distance between a point and a height field within some reach: where a sphere can touch it.
-
-Cells are visited from blocks to smaller blocks, along the curve of Morton; a block is left out where its highest point is out of
-reach, and a cell where the derivative of the distance is larger at its centre than can vanish within it. In each of the others
-Newton's method goes downhill from its centre, and from those of its quarters where the surface is sharper than the reach allows
-for one minimum per cell.
+All minima within some reach are found from blocks of cells to smaller blocks, along the curve of Morton; a block is left out
+where its highest point is out of reach, and a cell where the derivative of the distance cannot vanish. In each of the others
+Newton's method goes downhill from its centre, and from those of its quarters where the surface is sharper than one minimum per
+cell allows.
 """
 
 import math
@@ -43,11 +41,8 @@ from twice that on, so that its derivatives do not jump."""
 
 
 Foot = namedtuple("Foot", "x y distance normal jet inverse evaluations")
-"""A local minimum of the distance between a point and the surface.
-
-x, y: where it is [m], from straight below the point, the same in every period; distance [m], negative below the surface;
-normal: unit vector, upwards; jet: the surface there; inverse: M (xx, xy, yy); evaluations: number of those of the surface.
-"""
+"""A local minimum of the distance between a point and the surface: x, y from straight below the point, the same in every period;
+distance, negative below the surface; unit normal, upwards; jet there; M (xx, xy, yy); number of evaluations of the surface."""
 
 
 @njit(**BARE)
@@ -58,7 +53,6 @@ def matrix_of(jet, below):
 
 @njit(**BARE)
 def inverse_of(a, b, c):
-    """Return the inverse of the symmetric matrix (a, b; b, c)."""
     inverse = 1.0 / (a * c - b * b)
     return c * inverse, -b * inverse, a * inverse
 
@@ -79,8 +73,8 @@ def higher_correction(jet, below, d_x, d_y):
 
 @njit(**BARE_CHUNK)
 def closest(field, centre, o_x, o_y):
-    """Return the `Foot` of a centre (3,) [m], in the coordinates of the surface, downhill from the offset (o_x, o_y) [m]. From
-    one that is right to a hundredth of a cell, such as the last one of a sphere that moves, it takes two evaluations."""
+    """Return the `Foot` of a centre (3,) [m], downhill from an offset (o_x, o_y) [m]; from one right to a hundredth of a cell in
+    two evaluations."""
     length_x, length_y = field[head.LENGTH_X], field[head.LENGTH_Y]
     x, y, z = within_period(centre[0], length_x), within_period(centre[1], length_y), centre[2]
     d_x, d_y = 1.0 / field[head.RATE_X], 1.0 / field[head.RATE_Y]
@@ -136,8 +130,8 @@ def limited_ratio(ratio):
 
 @njit(**BARE)
 def effective_radius(jet, radius):
-    """Return the effective radius R_eff [m] of a sphere of radius R [m] on the surface; exactly R on a plane. (R/R_eff)^2 = (1 +
-    R k_1)(1 + R k_2), at least FLATTEST; principal curvatures k are positive where it bulges upwards."""
+    """Return R_eff [m] of a sphere of radius R on the surface: (R/R_eff)^2 = (1 + R k_1)(1 + R k_2), at least FLATTEST; principal
+    curvatures k are positive where it bulges upwards. Exactly R on a plane."""
     square = 1.0 / (1.0 + jet.x * jet.x + jet.y * jet.y)
     trace = (1.0 + jet.y * jet.y) * jet.xx - 2.0 * jet.x * jet.y * jet.xy + (1.0 + jet.x * jet.x) * jet.yy
     total, product = (0.0 - trace) * (square * math.sqrt(square)), (jet.xx * jet.yy - jet.xy * jet.xy) * (square * square)
@@ -168,7 +162,7 @@ def ratio_derivatives(jet, radius):
 
 @njit(**BARE)
 def bent_jet(field, centre, foot):
-    """Return the jet at the closest point of a centre (3,) [m] with second derivatives that are smooth (`rounded_jet`)."""
+    """Return the jet at a closest point with second derivatives that are smooth (`rounded_jet`)."""
     x, y = within_period(centre[0], field[head.LENGTH_X]) + foot.x, within_period(centre[1], field[head.LENGTH_Y]) + foot.y
     return rounded_jet(field, foot.jet, x, y)
 
@@ -185,8 +179,7 @@ def log_radius_gradient(foot, bent, radius):
 
 @njit(**BARE)
 def normal_derivative(foot):
-    """Return the derivative of the normal with the centre, a symmetric matrix [1/m]: xx, xy, xz, yy, yz, zz. A principal
-    curvature k at the distance D gives k/(1 + k D) along its direction."""
+    """Return the derivative of the normal with the centre [1/m], xx, xy, xz, yy, yz, zz: k/(1 + k D) in principal directions."""
     jet, (m_xx, m_xy, m_yy) = foot.jet, foot.inverse
     # -n_z G^-1 H M, symmetric, between the tangents
     factor = (0.0 - foot.normal[2]) / (1.0 + jet.x * jet.x + jet.y * jet.y)
@@ -215,8 +208,7 @@ def interleaved(m, first):
 
 @njit(**BARE)
 def insert(foot, reach, merge, minima, n):
-    """Insert a minimum into the n rows so far, by distance, then place, if it is within reach and new; return the new n. Of more
-    than fit the nearest are kept; n then counts one more than rows."""
+    """Insert a new minimum within reach into the n rows, by distance, then place; return the new n, at most rows + 1."""
     if not abs(foot.distance) <= reach:
         return n
     o_x, o_y, rows = foot.x, foot.y, minima.shape[0]
@@ -246,7 +238,6 @@ def can_vanish(field, centre, o_x, o_y, half, reach):
 
 @njit(**BARE_CHUNK)
 def search_cell(field, centre, o_x, o_y, reach, minima, n):
-    """Insert the minima downhill from the four quarters of the cell around an offset (o_x, o_y) [m]; return the new n."""
     d_x, d_y = 1.0 / field[head.RATE_X], 1.0 / field[head.RATE_Y]
     half, merge = 0.5 * math.sqrt(d_x * d_x + d_y * d_y), MERGE * min(d_x, d_y)
     if not can_vanish(field, centre, o_x, o_y, half, reach):
@@ -290,9 +281,8 @@ def search_period(field, centre, origin, reach, minima, n):
 
 @njit(**BARE_CHUNK)
 def find_minima(field, centre, reach, minima):
-    """Write all local minima of the distance of a centre (3,) [m] that are at most `reach` [m] away; return their number. Rows of
-    `minima`, the nearest first: offset (x, y) from below the centre, and distance [m], negative below the surface. Of more minima
-    than rows the nearest are kept; the number is then one more than rows."""
+    """Write the local minima of the distance of a centre (3,) within `reach` [m], the nearest first: offset (x, y) and distance,
+    negative below the surface. Returns their number; of more than rows the nearest are kept, and it is one more than rows."""
     length_x, length_y = field[head.LENGTH_X], field[head.LENGTH_Y]
     if centre[2] - reach > field[head.MAX_HEIGHT]:
         return np.int64(0)

@@ -15,10 +15,10 @@ from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import LANES, broadcast, get, load, put, set4, transpose, with_last
 from thirdbody.kernels import plates
 from thirdbody.kernels.memory import load_field
-from thirdbody.kernels.plates import BASINS, is_plate, is_upper, kind_of
+from thirdbody.kernels.plates import BASINS, is_upper, kind_of
 from thirdbody.kernels.tables import contact_state, sphere, surface_contact
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output
-from thirdbody.kernels.vectors import image, images, nearest_image
+from thirdbody.kernels.vectors import image, images
 
 AT_END = (geometry.END_VELOCITY - geometry.MID_VELOCITY) * TILE
 """Offset from a field of the middle of the step to that of its end."""
@@ -33,13 +33,11 @@ LIGHT = 16
 
 @njit(**BARE)
 def padded(n, n_history):
-    """Return the number of elements of a tile that a pass over n contacts with this number of history columns computes."""
     return n + (-n % simd.VECTOR if n_history <= LIGHT else 0)
 
 
 @njit(**BARE)
 def load_history(q, k, context, tile):
-    """Load the history of candidate k into element q of the tile."""
     I, G, H = tile.inputs, tile.geometry, context.H  # noqa: E741
     G[q + geometry.PREVIOUS_SLIP * TILE] = H[k, contact_state.SLIP]
     for d in range(3):
@@ -54,7 +52,6 @@ def load_history(q, k, context, tile):
 
 @njit(**BARE)
 def read_vector(G, at):
-    """Return the numbers of three fields, the first of them at `at`."""
     return G[at], G[at + TILE], G[at + 2 * TILE]
 
 
@@ -65,7 +62,6 @@ def write_vector(G, at, v):
 
 @njit(**BARE)
 def gather_plate_contact(q, k, context, motion, tile):
-    """Gather candidate k, a contact with a plate, into element q."""
     i, S, I, G, half = context.own[k], context.S, tile.inputs, tile.geometry, 0.5 * motion.dt  # noqa: E741
     r, (v_x, v_y, v_z) = S[i, sphere.RADIUS], plates.velocity(context.partner[k], context.P, motion)
     u_x, u_y, u_z = S[i, sphere.MID_VELOCITY], S[i, sphere.MID_VELOCITY + 1], S[i, sphere.MID_VELOCITY + 2]
@@ -89,13 +85,11 @@ def gather_plate_contact(q, k, context, motion, tile):
 
 @njit(**BARE)
 def four_rows_of(i, c, S):
-    """Return columns c to c + 3 of the four rows i of a table."""
     return load(S, i[0], c), load(S, i[1], c), load(S, i[2], c), load(S, i[3], c)
 
 
 @njit(**BARE)
 def put_three(G, at, v):
-    """Write the first three of a tuple of vectors into as many fields, the first of them at `at`."""
     put(G, at, v[0])
     put(G, at + TILE, v[1])
     put(G, at + 2 * TILE, v[2])
@@ -103,7 +97,6 @@ def put_three(G, at, v):
 
 @njit(**BARE)
 def columns(rows):
-    """Return four rows transposed: their first, second, third and last numbers."""
     return transpose(rows[0], rows[1], rows[2], rows[3])
 
 
@@ -114,20 +107,17 @@ def row_differences(a, b):
 
 @njit(**BARE)
 def with_last_column(a, c):
-    """Return the first three columns of the rows a, and the last one of the rows c."""
     return transpose(with_last(a[0], c[0]), with_last(a[1], c[1]), with_last(a[2], c[2]), with_last(a[3], c[3]))
 
 
 @njit(**BARE)
 def gather_spins(q, a, b, r_i, r_j, G):
-    """Write sums of the spins a of owners and b of partners from element q on, unscaled and times the radii."""
     put_three(G, q + geometry.MID_SPIN * TILE, (a[0] + b[0], a[1] + b[1], a[2] + b[2]))
     put_three(G, q + geometry.MID_RIM * TILE, (r_i * a[0] + r_j * b[0], r_i * a[1] + r_j * b[1], r_i * a[2] + r_j * b[2]))
 
 
 @njit(**BARE)
 def gather_history(q, k, context, tile):
-    """Load the histories of the four candidates k into the elements from q on, without fields."""
     I, G, H, kind = tile.inputs, tile.geometry, context.H, context.kind  # noqa: E741
     axes = columns(four_rows_of(k, np.int64(contact_state.AXIS), H))  # and the slip, 0 if open
     put_three(G, q + geometry.AXIS * TILE, axes)
@@ -146,7 +136,7 @@ def gather_history(q, k, context, tile):
 
 
 @njit(**BARE_CHUNK)
-def gather_pair_contacts(n, slots, context, tile):
+def gather_pair_contacts(n, slots, dt, box, context, tile):
     """Gather the contacts between spheres slots[:n] into the first elements, by fours. `SPARE` - 1 more candidates are read."""
     own, partner, S, I, G = context.own, context.partner, context.S, tile.inputs, tile.geometry  # noqa: E741
     for q in range(0, n, 4):
@@ -180,12 +170,13 @@ def gather_pair_contacts(n, slots, context, tile):
     # the columns of a short history reach into the place of the fields
     for q in range(n if context.field_size > 0 else 0):
         load_field(q, np.uint64(slots[q]), context, tile)
+    pair_geometry(n, dt, box, tile)
 
 
 @njit(**BARE_CHUNK)
 def pair_geometry(n, dt, box, tile):
-    """Compute normals, overlaps, arms, effective radii and masses of n contacts between spheres. Slip is a displacement of the
-    step, so its arms are those of the middle of the step: hence the normal of half a step ago."""
+    """Compute what depends on positions and masses of n pairs. Slip is a displacement of the step, so its arms are those of the
+    middle of the step: hence the normal of half a step ago."""
     I, G, half = tile.inputs, tile.geometry, 0.5 * dt  # noqa: E741
     l_x, l_y, c_x, c_y, _ = box
     for q in range(n):
@@ -237,7 +228,6 @@ def transport_frames(n, dt, tile):
 
 @njit(**BARE)
 def relative_velocity(q, at, normal, I, G):  # noqa: E741
-    """Return the relative velocity of the surfaces [m/s]. `at`, `normal`: offset of the velocities, field of the normal."""
     half = 0.5 * I[q + law_input.OVERLAP * TILE]
     x, y, z = read_vector(G, q + normal * TILE)
     v_x, v_y, v_z = read_vector(G, q + at + geometry.MID_VELOCITY * TILE)
@@ -249,7 +239,6 @@ def relative_velocity(q, at, normal, I, G):  # noqa: E741
 
 @njit(**BARE_CHUNK)
 def slip_increment(n, dt, tile):
-    """Compute the slip of the step and the velocities at its end of n contacts, along normals and frame axes."""
     I, G = tile.inputs, tile.geometry  # noqa: E741
     for q in range(n):
         e_x, e_y, e_z = read_vector(G, q + geometry.AXIS * TILE)
@@ -266,7 +255,6 @@ def slip_increment(n, dt, tile):
 
 @njit(**BARE_CHUNK)
 def force_and_torques(n, tile):
-    """Compute the forces of n contacts on the owners and the torques about both centres, in world axes."""
     I, O, G = tile.inputs, tile.outputs, tile.geometry  # noqa: E741
     for q in range(n):
         f_n, t_1, t_2 = read_vector(O, q + law_output.NORMAL_FORCE * TILE)  # and the tangential force
@@ -284,9 +272,8 @@ def force_and_torques(n, tile):
 
 @njit(**BARE_CHUNK)
 def add_gradient_force(n, slots, context, tile):
-    """Add to the forces of the contacts slots[:n] with rough plates what comes from the changing effective radius. Hertz' energy
-    U = (8/15) E* R_eff^(1/2) overlap^(5/2) changes along the surface as R_eff does: the force -(U/2) grad ln R_eff on the centre
-    of the sphere, since rotation does not change the energy."""
+    """Add -(U/2) grad ln R_eff, on the centre of the sphere: Hertz' energy U = (8/15) E* R_eff^(1/2) overlap^(5/2) changes along
+    a rough plate as R_eff does, and not with rotation."""
     G, Q = tile.geometry, context.Q
     for q in range(n):
         size, k = -0.5 * tile.outputs[q + law_output.STORED_NORMAL * TILE], slots[q]
@@ -298,29 +285,15 @@ def add_gradient_force(n, slots, context, tile):
 
 
 @njit(**BARE)
-def overlap_and_normal(k, context, box):
-    """Return the overlap of candidate k [m] and the unit normal from partner to owner. Out of reach: overlap <= 0, no normal."""
+def pair_overlap(k, context, box):
+    """Return the overlap of candidate k, a pair of spheres [m], negative: a gap; and the unit normal from partner to owner."""
     S, i, j = context.S, context.own[k], context.partner[k]
-    if is_plate(j):
-        x, y, z = plates.normal(k, context)
-        return plates.overlap(k, context), x, y, z
-    d_x = nearest_image(S[i, sphere.X] - S[j, sphere.X], box.length_x)
-    d_y = nearest_image(S[i, sphere.Y] - S[j, sphere.Y], box.length_y)
-    d_z = S[i, sphere.Z] - S[j, sphere.Z]
-    square = d_x * d_x + d_y * d_y + d_z * d_z
-    radii = S[i, sphere.RADIUS] + S[j, sphere.RADIUS]
-    if square >= (radii + box.reach) * (radii + box.reach):
-        return -1.0, 0.0, 0.0, 0.0
-    d = math.sqrt(square)
-    inverse = 1.0 / max(d, 1e-300)
-    return radii - d, d_x * inverse, d_y * inverse, d_z * inverse
-
-
-@njit(**BARE_CHUNK)
-def plate_overlaps(first, last, context, box, g):
-    """Compute overlap plus reach of candidates first to last with their plates [m] into g: > 0 if they are within reach."""
-    for k in range(first, last):
-        g[k - first] = plates.plane_overlap(k, context) + box.reach
+    x = image(S[i, sphere.X] - S[j, sphere.X], box.length_x, box.inverse_x)
+    y = image(S[i, sphere.Y] - S[j, sphere.Y], box.length_y, box.inverse_y)
+    z = S[i, sphere.Z] - S[j, sphere.Z]
+    distance = math.sqrt(x * x + y * y + z * z)
+    inverse = 1.0 / max(distance, 1e-300)
+    return S[i, sphere.RADIUS] + S[j, sphere.RADIUS] - distance, (x * inverse, y * inverse, z * inverse)
 
 
 @njit(**BARE_CHUNK)
@@ -346,9 +319,8 @@ def pair_overlaps(first, last, context, box, g):
 
 @njit(**BARE_CHUNK)
 def compact_active(first, last, g, closed, touching, opened):
-    """List the candidates within reach, and those that were until the last step; return both numbers. `closed`: 1 for those
-    within reach, else 0. The list of the active ones is padded with the last of them as far as it is read ahead; all else after
-    the ends is undefined."""
+    """List the candidates within reach (`closed`: 1), and those that were until the last step; return both numbers. The first
+    list is padded with its last one as far as it is read ahead; all else after the ends is undefined."""
     m, o, fours = np.int64(0), np.int64(0), first + (last - first) // LANES * LANES
     for k in range(first, fours, LANES):
         on = simd.active_bits(closed, k, get(g, k - first))
@@ -368,8 +340,7 @@ def compact_active(first, last, g, closed, touching, opened):
 
 @njit(**BARE_CHUNK)
 def compact_rough(first, last, context, reach, touching, opened):
-    """Do for contacts with rough plates what overlaps and `compact_active` do for others. Rows that have and had no minimum in
-    the last two steps, by far the most, are passed over."""
+    """Do the same for contacts with rough plates, but for rows without a minimum in the last two steps, by far the most."""
     Q, closed, m, o, k = context.Q, context.closed, np.int64(0), np.int64(0), first
     while k < last:
         flat = len(context.upper if is_upper(context.partner[k]) else context.lower) == 0

@@ -60,7 +60,6 @@ def across(w, rows):
 
 @njit(**BARE)
 def cell_of(x, rate, count):
-    """Return the cell of a coordinate and where in it, in [0, 1). `rate`: cells per metre."""
     u = x * rate
     whole = math.floor(u)
     i = np.int64(whole)
@@ -71,19 +70,16 @@ def cell_of(x, rate, count):
 
 @njit(**BARE)
 def within_period(x, length):
-    """Return the coordinate of the same point in the first period."""
     return x - length * math.floor(x / length)
 
 
 @njit(**BARE)
 def has_heights(field):
-    """Return whether a surface is not a plane."""
     return field.shape[0] > 0 and field[head.MAX_HEIGHT] > field[head.MIN_HEIGHT]
 
 
 @njit(**BARE)
 def jet_at(field, x, y):
-    """Return height and derivatives at a point (x, y) [m] (`Jet`)."""
     n_x, n_y = field[head.COUNT_X], field[head.COUNT_Y]
     rate_x, rate_y = field[head.RATE_X], field[head.RATE_Y]
     (i, t_x), (j, t_y) = cell_of(x, rate_x, n_x), cell_of(y, rate_y, n_y)
@@ -119,8 +115,7 @@ def jet_beside(jet, d_x, d_y):
 
 @njit(**BARE)
 def rounded(left, right, beyond, spacing):
-    """Return the third derivative near a border, and what its ramp adds to the second one. `left`, `right`: third derivatives on
-    both sides; `beyond`: distance from the border, at most RAMP [cells]."""
+    """Return the third derivative near a border, and what its ramp adds to the second one; `beyond`: distance from it [cells]."""
     rest = RAMP - abs(beyond)
     third = 0.5 * (left + right + (right - left) * beyond / RAMP)
     return third, 0.25 * (right - left) * spacing * rest * rest / RAMP
@@ -129,8 +124,8 @@ def rounded(left, right, beyond, spacing):
 @njit(**BARE_CHUNK)
 def rounded_jet(field, jet, x, y):
     """Return the jet at a point (x, y) [m] with second derivatives whose kinks between cells are rounded off. The third
-    derivatives of a bicubic spline jump there, and with them the force that follows from the change of the effective radius: a
-    sphere that it traps on a border is in balance on neither side, and no implicit step could end there."""
+    derivatives jump there, and with them the gradient force: a sphere that it traps there is in balance on neither side, and no
+    step ends."""
     h, s_x, s_y, xx, xy, yy, xxx, xxy, xyy, yyy = jet
     rate_x, rate_y = field[head.RATE_X], field[head.RATE_Y]
     i, j = math.floor(x * rate_x + 0.5), math.floor(y * rate_y + 0.5)  # the nearest borders
@@ -163,7 +158,6 @@ def pack_field(coefficients: np.ndarray, length_x: float, length_y: float) -> np
 
 
 def _bounds(c: np.ndarray, d_x: float, d_y: float) -> tuple[float, float]:
-    """Return bounds of the slope and of the norm of the second derivatives [1/m], from the differences of coefficients."""
     along, across = np.diff(c, axis=0) / d_x, np.diff(c, axis=1) / d_y
     slope = math.hypot(np.abs(along).max(), np.abs(across).max())
     xx, yy, xy = np.diff(along, axis=0) / d_x, np.diff(across, axis=1) / d_y, np.diff(along, axis=1) / d_y
@@ -171,7 +165,6 @@ def _bounds(c: np.ndarray, d_x: float, d_y: float) -> tuple[float, float]:
 
 
 def _pyramid(c: np.ndarray) -> list[np.ndarray]:
-    """Return the levels, the finest one first: the largest coefficient of blocks of 2, 4, 8... cells."""
     blocks = c
     for axis in (0, 1):
         n = blocks.shape[axis] - 3

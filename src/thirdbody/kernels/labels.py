@@ -21,7 +21,6 @@ def memory_column(second, context):
 
 @njit(**BARE)
 def body_row(b, context, A, observed):
-    """Fill the row `observed` with the state and the surroundings of body b. A: totals of the run, or of the body."""
     B, E, drag = context.B, context.E, context.drag
     observed[observed_body.MASS] = B[b, body.MASS]
     for k in range(3):
@@ -62,10 +61,8 @@ def body_contacts(b, context, C):
                 R[k, record.SURFACE_VELOCITY + d] if second else R[k, record.PARTNER_VELOCITY + d]
             )
         C[n, loaded_contact.SPHERE_RADIUS] = R[k, record.PARTNER_RADIUS] if second else R[k, record.SPHERE_RADIUS]
-        C[n, loaded_contact.CONTACT_RADIUS] = R[k, record.CONTACT_RADIUS]
-        C[n, loaded_contact.OVERLAP] = R[k, record.OVERLAP]
-        C[n, loaded_contact.NORMAL_FORCE] = R[k, record.NORMAL_FORCE]
-        C[n, loaded_contact.LOAD] = R[k, record.LOAD]
+        for d in range(4):  # and overlap, normal force, load
+            C[n, loaded_contact.CONTACT_RADIUS + d] = R[k, record.CONTACT_RADIUS + d]
         C[n, loaded_contact.FRICTION_LIMIT] = R[k, record.FRICTION_LIMIT]
         C[n, loaded_contact.CRITICAL_SLIP] = R[k, record.CRITICAL_SLIP]
         C[n, loaded_contact.SLIP] = H[k, contact_state.SLIP] - contact_state.CLOSED
@@ -84,8 +81,7 @@ observe_at, label_at = function_at(OBSERVE), function_at(LABEL)
 
 @entry(OBSERVE_BODIES, **POINTED, **NO_COUNTS)
 def observe_bodies(first, last, context, A, observe, observed, C):
-    """Update the labeller's memory of the bodies first to last - 1 and of their contacts by an observation. `observed`, C:
-    scratch."""
+    """Update the labeller's memory of the bodies first to last - 1 and of their contacts. `observed`, C: scratch."""
     for b in range(first, last):
         n = body_contacts(b, context, C)
         body_row(b, context, A, observed)
@@ -105,9 +101,8 @@ _F2, _F1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C"
 
 @entry(types.void(PACKED, _F1, types.int64, types.int64, _F2, _F1, _F2), nogil=True, **DIRECT, **NO_COUNTS)
 def label_bodies(packed, A, observe, label, out, observed, table):
-    """Compute state, reason, margins and extras of every body from the contacts that carry a load. `packed`: an `Observed` with a
-    copy of the labeller's memory; `observe`, `label`: addresses of the labeller's functions. Scratch: `observed`
-    (observed_body.WIDTH,) and `table` (largest number of contacts of a body, width)."""
+    """Compute state, reason, margins and extras of every body from the contacts that carry a load, with a copy of the labeller's
+    memory. Scratch: `observed` (observed_body.WIDTH,), `table` (largest number of contacts of a body, width)."""
     context = observed_of(packed)
     for b in range(context.B.shape[0]):
         n, m = body_contacts(b, context, table), np.int64(0)

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit, types
 
 from thirdbody.jit.arguments import function_at
-from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, entry
+from thirdbody.jit.options import BARE, DIRECT, entry
 from thirdbody.kernels import plates
 from thirdbody.kernels.arguments import MEASURE, ContactStep
 from thirdbody.kernels.books import normal_loss_of
@@ -30,7 +30,6 @@ BODY, PLATE, POINT, DEPOSIT_RADIUS, AMOUNTS = 0, 1, 2, 4, 5
 
 @njit(**BARE)
 def measure_contact(q, k, dt, context, tile):
-    """Add what contact q of a tile, candidate k, did in a step of length dt [s]."""
     I, O = tile.inputs, tile.outputs  # noqa: E741
     x, y, slip = O[q + law_output.TANGENTIAL_X * TILE], O[q + law_output.TANGENTIAL_Y * TILE], O[q + law_output.SLIP * TILE]
     lost = O[q + law_output.DISSIPATED * TILE]
@@ -52,24 +51,13 @@ def call_measure(k, done, context):
 
 @njit(**BARE)
 def measure_opened(k, lost, context):
-    """Add what candidate k dissipated in the step in which it opened: `lost` [J]."""
     plate = 1.0 if is_plate(context.partner[k]) else 0.0
     call_measure(k, ContactStep(0.0, 0.0, 0.0, 0.0, 0.0, lost, 0.0, 0.0, 0.0, 0.0, plate), context)
 
 
-@njit(**BARE_CHUNK)
-def measure_tile(n, slots, dt, context, tile):
-    """Add what the contacts slots[:n] of a tile did."""
-    for q in range(n):
-        measure_contact(q, slots[q], dt, context, tile)
-
-
 Collection = namedtuple("Collection", "own partner body S P Q H W targets sums deposits")
-"""Tables from which and to which `collect` works: names as in `arguments.Context`.
-
-W: what bodies have of the measures; `targets`: of `laws.measures.Layout`, `sums`: how many of them are sums; `deposits`: on the
-plates, room for one per candidate, or no rows.
-"""
+"""Tables from which and to which `collect` works, named as in `arguments.Context`. W: what bodies have of the measures;
+`targets`, `sums`: of `laws.measures.Layout`; `deposits` on the plates: room for one per candidate, or no rows."""
 
 _TABLE, _S1, _I1 = types.Array(types.float64, 2, "C"), types.Array(types.int32, 1, "C"), types.Array(types.int64, 1, "C")
 _TARGETS, _MAPS = types.Array(types.int64, 2, "C"), types.Array(types.float64, 4, "C")
@@ -110,7 +98,7 @@ def write_deposit(n, k, at, tables):
 @entry(types.int64(COLLECTION), **DIRECT)
 def collect(tables):
     """Add what contacts have measured to their bodies, in the order of candidates, and clear it but for maxima of closed
-    contacts; return the number of deposits."""
+    ones; return the number of deposits."""
     H, targets, n = tables.H, tables.targets, np.int64(0)
     width = targets.shape[0] + 1
     at = H.shape[1] - width
@@ -135,8 +123,7 @@ def collect(tables):
 
 @njit(**BARE)
 def weight(i, j, x, y, a, h_x, h_y):
-    """Return the part of cell (i, j) in a deposit around (x, y) [m], before it is normalised: Hertz' pressure in its middle,
-    sqrt(1 - r^2/a^2) (Hertz 1882); 0 outside the contact area."""
+    """Return the part of cell (i, j) in a deposit around (x, y) [m]: Hertz' pressure in its middle, sqrt(1 - r^2/a^2)."""
     d_x, d_y = (i + 0.5) * h_x - x, (j + 0.5) * h_y - y
     inside = 1.0 - (d_x * d_x + d_y * d_y) / (a * a)
     return math.sqrt(inside) if inside > 0.0 else 0.0
@@ -144,8 +131,8 @@ def weight(i, j, x, y, a, h_x, h_y):
 
 @entry(types.void(_TABLE, _MAPS, types.Array(types.float64, 1, "C")), **DIRECT)
 def deposit(rows, maps, size):
-    """Add deposits, in their order, to the maps (maps, 2 plates, n_y, n_x) of a domain of `size` (x, y) [m], periodic: in the
-    cell of the centre, or spread over the cells whose middles lie in the contact area."""
+    """Add deposits, in their order, to the maps (maps, 2 plates, n_y, n_x) of a periodic domain of `size` [m]: in the cell of the
+    centre, or spread over the cells whose middles lie in the contact area."""
     n_y, n_x = maps.shape[2], maps.shape[3]
     h_x, h_y = size[0] / n_x, size[1] / n_y
     for n in range(rows.shape[0]):

@@ -18,7 +18,6 @@ def pieces(columns: np.ndarray) -> np.ndarray:
 
 @njit(**BARE)
 def load_field(q, k, context, tile):
-    """Load the field of candidate k into the tile, as that of contact q."""
     I, H, begin, size = tile.inputs, context.H, context.field_begin, context.field_size  # noqa: E741
     at = (law_input.HISTORY + begin) * TILE + q * size
     for f in range(size):
@@ -27,14 +26,12 @@ def load_field(q, k, context, tile):
 
 @njit(**BARE)
 def spring_energy(k, context):
-    """Return the energy of the tangential and rolling springs of candidate k [J]; 0 if the laws have none."""
     return context.H[k, contact_state.LAW + context.stored] if context.stored >= 0 else 0.0
 
 
 @njit(**BARE)
 def reset_history(k, context):
-    """Clear the history of a contact that opened, but what measures have summed (`engine.measures`). Returns the energy of its
-    springs (`spring_energy`), which is dissipated."""
+    """Clear the history of a contact that opened, but for measures; return the energy of its springs, which is dissipated [J]."""
     lost, H = spring_energy(k, context), context.H
     for h in range(H.shape[1] - context.measured):
         H[k, h] = 0.0
@@ -56,7 +53,6 @@ def store_one(k, q, axis, first, context, tile):
 
 @njit(**BARE_CHUNK)
 def store_around_field(q, k, context, tile):
-    """Store the history of candidate k from the fifth number on, where one of the laws has a field."""
     H, O, begin, size = context.H, tile.outputs, context.field_begin, context.field_size  # noqa: E741
     at = (law_output.HISTORY + begin) * TILE + q * size
     for f in range(size):
@@ -68,7 +64,6 @@ def store_around_field(q, k, context, tile):
 
 @njit(**BARE_CHUNK)
 def store_history(n, slots, context, tile):
-    """Store the history of the contacts slots[:n] after the step, from a tile."""
     O, G, n_history, none = tile.outputs, tile.geometry, context.n_history, broadcast(0.0)  # noqa: E741
     for q in range(0, n, LANES):
         e, h = q + geometry.AXIS * TILE, q + law_output.HISTORY * TILE
@@ -127,7 +122,6 @@ def compact(n, p, first, H, R, closed):
 
 @njit(**BARE_CHUNK)
 def keep(low, high, p, closed, new):
-    """Copy rows `low` to `high` - 1 of a body that is not advanced, from row p on; return the row after them."""
     for k in range(low, high):
         new.on[p] = closed.on[k]
         copy_row(closed.H, closed.R, k, new.H, new.R, p)
@@ -137,8 +131,7 @@ def keep(low, high, p, closed, new):
 
 @njit(**BARE_CHUNK)
 def broadcast_parameters(I, n_contacts, pairs, width, U):  # noqa: E741
-    """Copy the row of `pairs` (`width` numbers) of each contact's pair type to its element in U, stride TILE. The types are
-    compared first: mostly all contacts are of one type."""
+    """Copy the row of `pairs` of each contact's pair type to its element in U; mostly all contacts are of one type."""
     first, alike = I[law_input.PAIR_TYPE * TILE], True
     for q in range(n_contacts):
         alike &= I[q + law_input.PAIR_TYPE * TILE] == first

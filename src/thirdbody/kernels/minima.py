@@ -1,13 +1,10 @@
 """Contacts of spheres with rough plates: the local minima of the distance, each in a row of its own as long as it exists.
 
-In every step each minimum follows its sphere (`closest_point.closest`). When a sphere has moved by a small part of its radius
-relative to the plate, all minima within reach are searched for: rows that are minima keep their place, new minima get the free
-rows in the order of their distance, rows that are none end. A sphere that does not touch is searched for before a new minimum can
-come within its reach. Where it touches and hollows may be sharper than itself, a minimum can begin with an overlap, and the later
-it is found, the deeper it lies then: such a sphere is searched for much more often. All of this depends on the path of the sphere
-alone, not on other bodies, on threads or on outputs.
-
-Update of the contacts with rough plates: called through a pointer, so that scenes with flat plates do not compile it.
+In every step each minimum follows its sphere. When a sphere has moved by a small part of its radius relative to the plate, all
+minima within reach are searched for: new ones get the free rows in the order of their distance, rows that are none end. Where it
+touches and hollows may be sharper than itself, a minimum can begin with an overlap: such a sphere is searched for much more
+often. All of this depends on the path of the sphere alone. Called through a pointer, so that scenes with flat plates do not
+compile it.
 """
 
 import math
@@ -35,7 +32,6 @@ update_at = function_at(UPDATE)
 
 @njit(**BARE)
 def update_surfaces(first, last, context):
-    """Update the rows of Q of candidates first to last, all those of a sphere with a plate."""
     tables = RoughPlates(context.own, context.partner, context.S, context.P, context.Q, context.D, context.lower, context.upper)
     update_at(context.update_surfaces)(np.int64(first), np.int64(last), tables)
 
@@ -43,25 +39,20 @@ def update_surfaces(first, last, context):
 MOVED = 0.02  # displacement of a sphere relative to a plate, in radii, after which all minima are searched for again
 
 MOVED_TOUCHING = 5e-4
-"""The same of a sphere that touches where hollows may be sharper than itself: of the order of its overlap.
-
-A ball that rolls into hollows of 1.01 to 1.2 times its curvature makes at most 0.28 of load times overlap so, and up to 17.5
-times load and overlap where minima are searched for every `MOVED` radii.
-"""
+"""The same of a sphere that touches where hollows may be sharper than itself, of the order of its overlap: a ball that rolls into
+hollows of 1.01 to 1.2 times its curvature makes at most 0.28 of load times overlap, with `MOVED` up to 17.5 times that."""
 
 FARTHEST = 1e100  # bound of the coordinates [m] of a sphere that is somewhere
 
 HOLLOW = -0.5
 """Sum of the turning of the normal along both principal directions, times the radius, below which a minimum may split: in a
-hollow of 0.33 times the curvature of the sphere, or of 0.6 times that with a sharp crest across.
-"""
+hollow of 0.33 times the curvature of the sphere, or of 0.6 times that with a sharp crest across."""
 
 APART = 1.0 + 1e-9  # least distance over the radius plus reach in a row whose minimum has ended
 
 
 @njit(**BARE)
 def is_same(one, other, field):
-    """Return whether two offsets (2,) [m] are those of the same minimum."""
     tolerance = 2.0 * closest_point.MERGE / max(field[height_field.RATE_X], field[height_field.RATE_Y])
     return abs(one[0] - other[0]) <= tolerance and abs(one[1] - other[1]) <= tolerance
 
@@ -74,12 +65,6 @@ def offset_of(k, Q):
 @njit(**BARE)
 def has_minimum(k, row, Q):
     return np.int64(Q[k, surface_contact.MINIMA]) >> row & 1 != 0
-
-
-@njit(**BARE)
-def has_more(k, row, Q):
-    """Return whether the given row of the sphere whose first row is k or one behind it has a minimum."""
-    return np.int64(Q[k, surface_contact.MINIMA]) >> row != 0
 
 
 @njit(**BARE)
@@ -98,7 +83,6 @@ def end_minimum(k, row, shortest, Q):
 
 @njit(**BARE)
 def reset_ended(k, Q):
-    """Reset the rows whose minima ended in the last update; note them for the last step of their contacts (`compact_rough`)."""
     noted = np.int64(Q[k, surface_contact.ENDED])
     if noted != 0:
         ended = noted & ((1 << BASINS) - 1)
@@ -110,7 +94,6 @@ def reset_ended(k, Q):
 
 @njit(**BARE)
 def write_normal(k, normal, upper, Q):
-    """Write a normal in the coordinates of a plate into row k, in world axes: the upper plate looks down."""
     n_x, n_y, n_z = normal
     Q[k, surface_contact.NORMAL], Q[k, surface_contact.NORMAL + 1] = n_x, n_y
     Q[k, surface_contact.NORMAL + 2] = -n_z if upper else n_z
@@ -118,8 +101,7 @@ def write_normal(k, normal, upper, Q):
 
 @njit(**BARE_CHUNK)
 def follow(k, field, x, start, tables):
-    """Move the minimum of row k from an offset `start` (2,) to where it is for a centre x (3,), in the plate's coordinates. The
-    derivatives are computed only within the reach of the contact."""
+    """Move the minimum of row k from an offset `start` (2,) to where it is for a centre x (3,), in the plate's coordinates."""
     Q, D, radius, upper = tables.Q, tables.D, tables.S[tables.own[k], sphere.RADIUS], is_upper(tables.partner[k])
     curved = D[domain.CURVED + upper] != 0.0
     foot = closest(field, x, start[0], start[1])
@@ -141,7 +123,7 @@ def follow(k, field, x, start, tables):
 def follow_all(k, field, x, shortest, tables):
     """Move all minima of the sphere whose first row is k; of two that meet, the one that jumped to the other ends."""
     Q, a, t = tables.Q, 0, surface_contact.START
-    while has_more(k, a, Q):
+    while np.int64(Q[k, surface_contact.MINIMA]) >> a != 0:
         if has_minimum(k, a, Q):
             o_x, o_y = offset_of(k + a, Q)
             d_x, d_y = o_x - Q[k + a, t], o_y - Q[k + a, t + 1]
@@ -159,8 +141,8 @@ def follow_all(k, field, x, shortest, tables):
 
 @njit(**BARE_CHUNK)
 def search_all(k, field, x, limits, tables):
-    """Search for all minima of the sphere whose first row is k. `limits` [m]: the largest distance of a minimum that gets a row,
-    and the shortest one without contact."""
+    """Search for the minima of the sphere whose first row is k. `limits` [m]: largest distance of one that gets a row, and the
+    shortest one without contact."""
     Q, (farthest, shortest) = tables.Q, limits
     minima = Q[k : k + BASINS, surface_contact.NEARBY : surface_contact.NEARBY + 3]
     n = min(closest_point.find_minima(field, x, farthest, minima), BASINS)
@@ -185,10 +167,10 @@ def search_all(k, field, x, limits, tables):
 
 @njit(**BARE)
 def may_split(k, field, radius, reach, Q):
-    """Return whether a second minimum may begin within reach [m] of the sphere whose first row is k beside one that touches. The
-    normal turns by the sum of k_i/(1 + k_i D), principal curvatures k_i, distance D: large and negative in a narrow hollow."""
+    """Return whether a second minimum may begin beside one that touches. The normal turns by the sum of k_i/(1 + k_i D),
+    principal curvatures k_i, distance D: large and negative in a narrow hollow."""
     a, t = 0, surface_contact.NORMAL_GRADIENT
-    while (radius + reach) * field[height_field.MAX_CURVATURE] >= 1.0 and has_more(k, a, Q):
+    while (radius + reach) * field[height_field.MAX_CURVATURE] >= 1.0 and np.int64(Q[k, surface_contact.MINIMA]) >> a != 0:
         if has_minimum(k, a, Q) and Q[k + a, surface_contact.DISTANCE] < radius + reach:
             if (Q[k + a, t] + Q[k + a, t + 1] + Q[k + a, t + 2]) * radius < HOLLOW:
                 return True
@@ -198,8 +180,7 @@ def may_split(k, field, radius, reach, Q):
 
 @njit(**BARE)
 def search_is_due(k, field, x, sphere_reach, Q):
-    """Return whether the sphere whose first row is k has moved so far since the last search that another is due. `sphere_reach`
-    (2,): its radius and its reach [m]."""
+    """Return whether the sphere whose first row is k has moved far since the last search. `sphere_reach`: radius, reach."""
     t, (radius, reach) = surface_contact.SEARCHED, sphere_reach
     d_x, d_y, d_z = x[0] - Q[k, t], x[1] - Q[k, t + 1], x[2] - Q[k, t + 2]
     moved = (MOVED_TOUCHING if may_split(k, field, radius, reach, Q) else MOVED) * radius
@@ -208,9 +189,8 @@ def search_is_due(k, field, x, sphere_reach, Q):
 
 @njit(**BARE_CHUNK)
 def update_sphere(k, field, tables):
-    """Update the rows k to k + BASINS - 1 of a sphere and a rough plate."""
     Q, S, i, upper = tables.Q, tables.S, tables.own[k], is_upper(tables.partner[k])
-    x = plates.to_surface(tables.partner[k], plates.centre(i, S), tables.P)
+    x = plates.to_surface(tables.partner[k], plates.three(S, i, sphere.POSITION), tables.P)
     radius, reach, height = S[i, sphere.RADIUS], tables.D[domain.REACH], x[2] - field[height_field.MAX_HEIGHT]
     farthest, shortest = radius * (1.0 + 1.1 * MOVED) + reach, APART * (radius + reach)
     tracked = abs(x[0]) + abs(x[1]) + abs(x[2]) < FARTHEST  # a guard stops a run with others, or with NaN

@@ -19,11 +19,8 @@ from thirdbody.kernels.tables import EVERYTHING, ONLY_LOWER, ONLY_UPPER, sphere
 from thirdbody.kernels.vectors import images, inverse
 
 Grid = namedtuple("Grid", "low size cells periodic length_x length_y")
-"""Cells of the search, each at least as large as the interaction range.
-
-Lowest corner (3,) and size of a cell (3,) [m], number of cells along each axis (3,), whether x and y are periodic (2,), and
-their periodic lengths [m] or 0.
-"""
+"""Cells of the search, each at least as large as the interaction range: lowest corner (3,) and size of a cell (3,) [m], number of
+cells along each axis (3,), whether x and y are periodic (2,), and their periodic lengths [m] or 0."""
 
 CellLists = namedtuple("CellLists", "edges cells Q")
 """Scratch of a search: where each cell begins in Q (zero at first), the cell of each sphere, spheres in order of cells."""
@@ -45,9 +42,8 @@ _LIMITS = types.UniTuple(types.Tuple((_I, _F)), 2)
 
 @entry(_I(_F2, _F2, _SPHERES, _I1, _LIMITS, _S1, _S1), **DIRECT, **NO_COUNTS)
 def plate_candidates(S, P, spheres, patch_of, limits, own, partner):
-    """List the spheres near a plate in own and partner; return their number, also beyond the capacity. `limits`: of the lower
-    plate and of the upper one, the number of basins, 0 without the plate, and the largest height of the lowest point of a sphere
-    above its plane [m]."""
+    """List the spheres near a plate; return their number, also beyond the capacity. `limits` of both plates: number of basins, 0
+    without the plate, and the largest height of the lowest point of a sphere above its plane [m]."""
     n = np.int64(0)
     for i in range(S.shape[0]):
         for plate in range(2):
@@ -63,15 +59,14 @@ def plate_candidates(S, P, spheres, patch_of, limits, own, partner):
 
 @njit(**BARE)
 def cell_of(x, low, size, count, periodic):
-    """Return the cell number along one axis: wrapped if periodic, else clipped to the range."""
     c = np.int64(np.floor((x - low) / size))
     return c % count if periodic else min(max(c, 0), count - 1)
 
 
 @entry(types.void(_F2, _SPHERES, _GRID, _LISTS), **DIRECT, **NO_COUNTS)
 def fill_cells(S, spheres, grid, lists):
-    """Sort the spheres that can touch others by cell (z fastest), then by number, into Q (6, n + padding): centre, radius, number
-    and body. `edges`: where each cell begins, shifted by one."""
+    """Sort the spheres that can touch others by cell (z fastest), then by number, into Q (6, n + padding): centre, radius,
+    number, body. `edges`: where each cell begins, shifted by one."""
     (low, size, count, periodic, _, _), (edges, cells, Q) = grid, lists
     for i in range(S.shape[0]):
         a = cell_of(S[i, sphere.X], low[0], size[0], count[0], periodic[0])
@@ -113,8 +108,7 @@ def near(p, k, skin, box, Q):
 
 @njit(**BARE)
 def scan(p, first, end, skin, box, Q, pairs, m):
-    """Append the pairs of sphere p with near elements first to end to the m pairs so far; return the new m, which counts pairs
-    beyond the capacity, too. Few are near: four are tested at once."""
+    """Append the near pairs of sphere p with elements first to end; return their number, also beyond the capacity."""
     for k in range(first, end, LANES):
         bits = near(p, np.int64(k), skin, box, Q)
         if bits != 0:
@@ -127,9 +121,8 @@ def scan(p, first, end, skin, box, Q, pairs, m):
 
 @entry(_I(_I, _I, _F, _GRID, _LISTS, _I1, _S2), nogil=True, **DIRECT, **NO_COUNTS)
 def collect(first, last, skin, grid, lists, columns, pairs):
-    """List the pairs of spheres of different bodies within `skin` whose first sphere is in cell columns first to last - 1 in
-    `pairs` (2, n): lower number first, unsorted. Returns their number, also beyond the capacity. `columns`: scratch for cells
-    around one."""
+    """List the pairs within `skin` [m] whose first sphere is in cell columns first to last - 1, lower number first, unsorted;
+    return their number, also beyond the capacity. `columns`: scratch for cells around one."""
     count, edges, Q, m = grid.cells, lists.edges, lists.Q, np.int64(0)
     box = Box(grid.length_x, grid.length_y, inverse(grid.length_x), inverse(grid.length_y), 0.0)
     for column in range(first, last):
@@ -165,7 +158,6 @@ def order_by_owner(pairs, at, own, partner):
 
 @entry(types.void(_I, _I, _S1, _S1), nogil=True, **DIRECT, **NO_COUNTS)
 def order_partners(first, last, at, partner):
-    """Sort the partners of each of the owners first to last - 1; `at`: as `order_by_owner` leaves it."""
     begin = np.int64(at[first - 1] if first > 0 else 0)
     for i in range(first, last):
         end = np.int64(at[i])
@@ -178,7 +170,7 @@ def order_partners(first, last, at, partner):
         begin = end
 
 
-FEWEST = 4096  # spheres that one thread alone searches as fast as two: some 0.5 ms
+MIN_SPHERES = 4096  # spheres that one thread alone searches as fast as two: some 0.5 ms
 
 
 def pair_candidates(S, spheres, skin, grid, n, own, partner):
@@ -202,19 +194,18 @@ def pair_candidates(S, spheres, skin, grid, n, own, partner):
 
         return collect_piece
 
-    distribute(pieces_of(0, columns, max(1, FEWEST * columns // max(many, 1))), worker)
+    distribute(pieces_of(0, columns, max(1, MIN_SPHERES * columns // max(many, 1))), worker)
     pairs = np.concatenate([pairs_of[first] for first in sorted(pairs_of)], axis=1)
     m = n + pairs.shape[1]
     if m <= len(own):
         at = np.zeros(many + 1, np.int32)
         order_by_owner(pairs, at, own[n:m], partner[n:m])
-        distribute(pieces_of(0, many, FEWEST), lambda: lambda piece: order_partners(*piece, at, partner[n:m]))
+        distribute(pieces_of(0, many, MIN_SPHERES), lambda: lambda piece: order_partners(*piece, at, partner[n:m]))
     return m
 
 
 @njit(**BARE)
 def rank(own, j):
-    """Return the order of candidates by owner and partner, within the plates' or the pairs' part."""
     return own, j if is_sphere(j) else order_on_sphere(j)
 
 
@@ -241,7 +232,6 @@ def incidences(n, own, partner, n_spheres):
 
 @entry(types.void(_I, _S1, _S1, _S1, _S1, _S1), **DIRECT, **NO_COUNTS)
 def list_slots(n, own, partner, edges, at, incidence):
-    """Fill the tables of `incidences`; `edges`: zero at first, `at`: scratch."""
     for k in range(n):
         edges[own[k] + 1] += 1
         if is_sphere(partner[k]):

@@ -1,9 +1,7 @@
 """First bodies, between which the debris is: all that kernels know of them.
 
-A first body is named by the partner code of a candidate (`plates`), and with it the basin of the contact. For a sphere it has
-an overlap, a unit normal from the first body to the sphere, an effective radius and a surface velocity. The plane of the lower
-one is z = 0 and at rest, that of a patch of the upper one is at its height and looks down. Where both plates are flat, answers
-come from these planes, otherwise from the table of closest points (`surface_contact`), which must be up to date.
+The plane of the lower one is z = 0 and at rest, that of a patch of the upper one is at its height and looks down. Where both
+plates are flat, answers come from these planes, otherwise from the table of closest points, which must be up to date.
 
 The partner of a candidate is the number of a sphere, or a negative code of a first body and of the basin in which the sphere
 touches it: -1 - basin, the lower plate; -1 - (1 + p) BASINS - basin, patch p of the upper plate. A flat plate has basin 0 only.
@@ -60,13 +58,11 @@ def order_on_sphere(partner):
 
 @njit(**BARE)
 def kind_of(k, context):
-    """Return the row of the table of material pairs for candidate k: the only one where no list of them is given."""
     return np.int64(context.kind[k]) if context.kind.shape[0] > 0 else np.int64(0)
 
 
 @njit(**BARE)
 def is_closed(k, H):
-    """Return whether candidate k touched at the end of the last step."""
     return H[k, contact_state.SLIP] != 0.0
 
 
@@ -105,20 +101,17 @@ def height_above(partner, i, S, P):
 
 @njit(**BARE)
 def plane_overlap(k, context):
-    """Return the overlap of candidate k with the plane of its first body [m]; <= 0 if apart."""
     i, S = context.own[k], context.S
     return S[i, sphere.RADIUS] - height_above(context.partner[k], i, S, context.P)
 
 
 @njit(**BARE)
 def surface_overlap(k, context):
-    """Return the overlap of candidate k with its rough first body [m]; <= 0 if apart, -inf in a basin without a minimum."""
     return context.S[context.own[k], sphere.RADIUS] - context.Q[k, surface_contact.DISTANCE]
 
 
 @njit(**BARE)
 def overlap(k, context):
-    """Return the overlap of candidate k with its first body [m]; <= 0 if apart."""
     return surface_overlap(k, context) if is_rough(context) else plane_overlap(k, context)
 
 
@@ -129,7 +122,6 @@ def three(Q, k, column):
 
 @njit(**BARE)
 def normal(k, context):
-    """Return the unit normal from the first body of candidate k to its sphere."""
     if is_rough(context):
         return three(context.Q, k, surface_contact.NORMAL)
     return 0.0, 0.0, -1.0 if is_upper(context.partner[k]) else 1.0
@@ -150,7 +142,6 @@ def normal_before(k, move, context):
 
 @njit(**BARE)
 def effective_radius(k, context):
-    """Return the effective radius of candidate k, a contact with a first body [m]."""
     return context.Q[k, surface_contact.RADIUS] if is_rough(context) else context.S[context.own[k], sphere.RADIUS]
 
 
@@ -165,20 +156,13 @@ def radius_of_curvature(k, context):
 
 @njit(**BARE)
 def velocity(partner, P, motion):
-    """Return the velocity of the surface of a first body [m/s]."""
     if is_upper(partner):
         return motion.v_x, motion.v_y, P[patch_of_partner(partner), patch.VELOCITY]
     return 0.0, 0.0, 0.0
 
 
 @njit(**BARE)
-def centre(i, S):
-    return three(S, i, sphere.POSITION)
-
-
-@njit(**BARE)
 def surface_velocity(i, S, columns, arm):
-    """Return the velocity of sphere i's surface at `arm` from its centre [m/s]. `columns`: of velocity and spin."""
     v, w = columns
     (o_x, o_y, o_z), (r_x, r_y, r_z) = three(S, i, w), arm
     return S[i, v] + o_y * r_z - o_z * r_y, S[i, v + 1] + o_z * r_x - o_x * r_z, S[i, v + 2] + o_x * r_y - o_y * r_x
@@ -186,13 +170,11 @@ def surface_velocity(i, S, columns, arm):
 
 @njit(**BARE)
 def partner_velocity(j, context, columns, arm, motion):
-    """Return the velocity of the partner's surface at the contact [m/s]; arguments as for `plates`."""
     return velocity(j, context.P, motion) if is_plate(j) else surface_velocity(j, context.S, columns, arm)
 
 
 @njit(**BARE)
 def direct_force(P, p):
-    """Return the upward force of direct contact on patch p, or on the common plate [N]; 0 where there is none."""
     if P[p, patch.DIRECT_PREFACTOR] == 0.0:
         return 0.0
     return P[p, patch.DIRECT_PREFACTOR] * math.exp(-P[p, patch.HEIGHT] / P[p, patch.DIRECT_LENGTH])
@@ -200,8 +182,8 @@ def direct_force(P, p):
 
 @njit(**BARE)
 def max_stiffness(P, p, time):
-    """Return the largest stiffness [N/m] that direct contact can have within a time [s], from the present speed and forces: the
-    energy of the approach limits the depth, and the force that stops it grows with the depth."""
+    """Return the largest stiffness [N/m] of direct contact within a time [s]: the energy of the approach limits the depth, and
+    the force that stops it grows with the depth."""
     v, a = P[p, patch.VELOCITY], (P[p, patch.FORCE] - P[p, patch.LOAD]) / P[p, patch.MASS]
     t = min(time, -v / a) if a > 0.0 and v < 0.0 else time
     deeper, now, length = max(-v * t - 0.5 * a * t * t, 0.0), direct_force(P, p), P[p, patch.DIRECT_LENGTH]
@@ -211,8 +193,8 @@ def max_stiffness(P, p, time):
 
 @njit(**BARE)
 def book_direct_contact(A, P, p, motion, old):
-    """Add a step to the totals A: impulses, and the work of friction, which the drive of the plate supplies. P: patches at the
-    end of the step; `old`: weight of the force at its start."""
+    """Add a step to the totals A: impulses, and the work of friction, which the drive of the plate supplies. `old`: weight of the
+    force at its start."""
     normal, mu = direct_force(P, p), P[p, patch.DIRECT_FRICTION]
     speed = math.sqrt(motion.v_x * motion.v_x + motion.v_y * motion.v_y)
     drag = mu * normal / speed if speed > 0.0 else 0.0

@@ -1,12 +1,8 @@
-"""Kinematics and moments of rolling contacts, and travel of the contact area.
-
-Only in scenes with a law that needs them: a pass over a tile before the law and, for moments, one after it, so that the loop of
-all other scenes is unaffected.
+"""Kinematics and moments of rolling contacts, and travel of the contact area; only in scenes with a law that needs them.
 
 The relative rotation of the step is in the contact's plane, in the transported frame. It is conjugate to the moment: the work of
-the pair (M on the owner, -M on the partner) is M . (w_i - w_j) dt, zero for two bodies that rotate as one. A plate does not
-rotate. The part about the normal goes to laws of the twisting stage only: with the normal of the middle of the step, so that its
-work is exact to second order.
+the pair (M on the owner, -M on the partner) is M . (w_i - w_j) dt. A plate does not rotate. The part about the normal goes to
+laws of the twisting stage only: with the normal of the middle of the step, so that its work is exact to second order.
 """
 
 import numpy as np
@@ -25,7 +21,6 @@ TWIST = 4
 
 
 def record_width(rolling):
-    """Return the number of columns of a contact's record in a scene with this value of `rolling`."""
     return record.TWIST_WIDTH if rolling >= TWIST else record.ROLLING_WIDTH if rolling >= MOMENTS else record.WIDTH
 
 
@@ -41,7 +36,6 @@ def has_twist(context):
 
 @njit(**BARE)
 def relative_spin(S, i, j, column):
-    """Return the angular velocity of the owner relative to the partner [rad/s]. `column`: of the table of spheres."""
     if is_plate(j):
         return S[i, column], S[i, column + 1], S[i, column + 2]
     return S[i, column] - S[j, column], S[i, column + 1] - S[j, column + 1], S[i, column + 2] - S[j, column + 2]
@@ -49,14 +43,12 @@ def relative_spin(S, i, j, column):
 
 @njit(**BARE)
 def component(q, field, v, G):
-    """Return the component of a vector along the unit vector in a field of the tile at contact q."""
     x, y, z = read_vector(G, q + field * TILE)
     return v[0] * x + v[1] * y + v[2] * z
 
 
 @njit(**BARE)
 def gather_rolling(q, k, context, motion, tile):
-    """Gather relative rotation, its rate at the end of the step, and travel of the contact area into element q."""
     i, j, S, dt = context.own[k], context.partner[k], context.S, motion.dt
     I, G, at = tile.inputs, tile.geometry, (law_input.HISTORY + context.n_history) * TILE + q  # noqa: E741
     w = relative_spin(S, i, j, np.int64(sphere.MID_SPIN))
@@ -90,7 +82,6 @@ def gather_rolling(q, k, context, motion, tile):
 
 @njit(**BARE)
 def add_moments(n, context, tile):
-    """Add the moments of n contacts to the torques: M on the owner's body, -M on the partner's."""
     O, G = tile.outputs, tile.geometry  # noqa: E741
     for q in range(n):
         at = (law_output.HISTORY + context.n_history) * TILE + q
@@ -107,7 +98,6 @@ def add_moments(n, context, tile):
 
 @njit(**BARE)
 def record_rolling(q, k, context, tile):
-    """Write the moment on the owner's body, world axes, and its limit into the record [N m]; then those about the normal."""
     R, O, G, at = context.R, tile.outputs, tile.geometry, (law_output.HISTORY + context.n_history) * TILE + q  # noqa: E741
     for d in range(3):
         R[k, record.MOMENT + d] = (

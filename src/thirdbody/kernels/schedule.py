@@ -31,7 +31,6 @@ POLYNOMIAL, SINE, TRIANGLE = range(3)
 
 @njit(**BARE)
 def segment(schedule, first, axis, t):
-    """Return the row valid at time t, or -1 before the first."""
     low, high = first[axis] - 1, first[axis + 1] - 1
     while low < high:
         middle = (low + high + 1) // 2
@@ -63,7 +62,6 @@ def value_of(schedule, row, t):
 
 @njit(**BARE)
 def mean_rate(schedule, first, axis, t, dt):
-    """Return the mean rate of change of an axis from t to t + dt."""
     row = segment(schedule, first, axis, t)
     if row == segment(schedule, first, axis, t + dt):
         if row < 0:

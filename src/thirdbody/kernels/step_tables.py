@@ -3,10 +3,9 @@
 from thirdbody.kernels.table import Table, number, skip, vector
 from thirdbody.kernels.tables import body, body_extra, sphere
 
-# Settings of the implicit integrator: one row.
 step_settings = Table(
     "V",
-    "the run",
+    "the run: settings of the implicit integrator",
     tolerance=number("", "error of a step over the radius of the largest contact"),
     longest=number("m", "longest drag of a step"),
     shortest=number("s", "length of the shortest step that is tried"),
@@ -17,10 +16,9 @@ step_settings = Table(
     work=number("", "error of a step in the friction work, in parts of the energies in play"),
 )
 
-# State of the implicit integrator per body, in addition to its totals (a row like `run_totals`).
 step_memory = Table(
     "T",
-    "a body",
+    "a body: state of the implicit integrator, in addition to its totals",
     next_dt=number("s", "length of the step to try next"),
     cuts=number("", "number of steps that were cut"),
     hard_steps=number("", "number of steps that were cut often"),
@@ -46,10 +44,9 @@ step_memory = Table(
     last_force=vector(2, "N", "rough plates: change of the force on the upper plate along x and y in the last step"),
 )
 
-# State of a body and its patch at the start of an implicit step, and coefficients of the step.
 step_start = Table(
     "Z",
-    "a body",
+    "a body and its patch at the start of an implicit step, and coefficients of the step",
     position=vector(3, "m", "centre of mass"),
     velocity=vector(3, "m/s", "velocity"),
     quaternion=vector(4, "", "orientation w, x, y, z; body to world"),
@@ -69,10 +66,9 @@ step_start = Table(
     old_weight=number("", "weight of the force at the start of the step in what the plate and friction take: a half, or 0"),
 )
 
-# Diagnostics of the contacts of a body that the residual of an implicit step returns: one row.
 step_contacts = Table(
     "diagnostics",
-    "a body",
+    "the contacts of a body, as the residual of an implicit step returns them",
     normal_force=number("N", "sum of the sizes of the normal forces"),
     max_overlap=number("m", "largest overlap"),
     max_radius=number("m", "largest radius of a contact area"),
@@ -80,10 +76,9 @@ step_contacts = Table(
     slot=number("", "its contact"),
 )
 
-# Solution of a body under a common plate, for a given rise of the plate.
 body_solution = Table(
     "solutions",
-    "a body",
+    "a body under a common plate, solved for a given rise of the plate",
     solved=number("", "1: its equilibrium was found"),
     push=number("N", "force on the plate, upwards"),
     slope=number("N/m", "change of that force with the displacement of the plate, the body following"),
@@ -94,10 +89,9 @@ body_solution = Table(
     lands=number("", "1: one of its contacts closed in the step"),
 )
 
-# Path of the centre of a sphere since the last search for islands, in implicit runs with contact between bodies.
 sphere_path = Table(
     "paths",
-    "a sphere",
+    "a sphere: path of its centre since the last search for islands",
     length=number("m", "length of the path, chord by chord"),
     low=vector(3, "m", "lower corner of a box around the path"),
     high=vector(3, "m", "upper corner of the box"),
@@ -132,10 +126,9 @@ contact_sums = Table(
     _2=skip(1),
 )
 
-# Motion of a chunk of bodies in a step: extrema, guards, power of effects.
 chunk_motion = Table(
     "moves",
-    "a chunk of bodies",
+    "a chunk of bodies in a step: extrema, guards, power of effects",
     max_path=number("m", "longest path of a point of a body in the step"),
     max_travel=number("", "largest path over the radius"),
     body=number("", "its body"),
@@ -144,10 +137,9 @@ chunk_motion = Table(
     effect_power=number("W", "power of body effects"),
 )
 
-# Stiffness and damping of a contact, for the bound of the time step.
 contact_stiffness = Table(
     "stiffnesses",
-    "a contact",
+    "a contact, for the bound of the time step",
     normal=vector(3, "", "unit normal from partner to owner"),
     _0=skip(1),
     stiffness=vector(3, "N/m, N m", "k_n - k_t, k_t, k_r"),

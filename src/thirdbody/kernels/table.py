@@ -18,8 +18,6 @@ Array = NDArray[np.float64]
 
 
 class Column(NamedTuple):
-    """One quantity of a table: first column, number of columns, unit ("" for none) and meaning."""
-
     name: str
     first: int
     width: int
@@ -129,11 +127,9 @@ class Table(ModuleType):
         return _restored, ({name: value for name, value in vars(self).items() if not name.startswith("__")},)
 
     def names(self) -> tuple[str, ...]:
-        """Return the names of all quantities in order."""
         return tuple(column.name for column in self.columns)
 
     def view(self, array: Array) -> Rows:
-        """Return access to an array of this table by column name."""
         return Rows((array, self))
 
     def __getitem__(self, name: str) -> Column:

@@ -68,12 +68,10 @@ body_extra = Table(
     _0=skip(1),
 )
 
-# Orientations of bodies: no force on a single sphere depends on its own.
 orientation = Table("orientations", "a body", quaternion=vector(4, "", "orientation w, x, y, z; body to world"))
 
-# Pose of a body at the last neighbour search.
 search_pose = Table(
-    "X0", "a body", position=vector(3, "m", "centre of mass"), quaternion=vector(4, "", "orientation w, x, y, z; body to world")
+    "X0", "a body at the last search", position=vector(3, "m", "centre of mass"), quaternion=vector(4, "", "its orientation")
 )
 
 # Patches of the upper plate: one per body, or one for a rigid plate; on a foundation the last row is the common plate.
@@ -96,10 +94,9 @@ patch = Table(
     direct_friction=number("", "friction coefficient of direct contact"),
 )
 
-# Periodic lengths, limits of the guards, skin of the search and reach of the laws: one row.
 domain = Table(
     "D",
-    "the run",
+    "the run: periodic lengths and limits",
     length_x=number("m", "periodic length; 0: unbounded; negative: walls at that distance"),
     length_y=number("m", "the same along y"),
     overlap_guard=number("", "largest overlap over the smaller radius"),
@@ -148,10 +145,9 @@ surface_contact = Table(
     start_centre=vector(3, "m", "implicit, first row of a sphere: its centre at the start of the step, likewise"),
 )
 
-# Head of a height field (`kernels.height_field`); its coefficients and its pyramid of heights follow in the same row.
 height_field = Table(
     "field",
-    "a surface; one row",
+    "a surface: head of its height field, in the same row",
     length_x=number("m", "period along x"),
     length_y=number("m", "period along y"),
     count_x=number("", "number of cells along x"),
@@ -166,10 +162,9 @@ height_field = Table(
     offset=vector(24, "", "where in the row each level of the pyramid begins, from level 1 on"),
 )
 
-# The full record of a contact, written in observed steps; no rows where records are not needed.
 record = Table(
     "R",
-    "a candidate contact",
+    "a candidate contact in an observed step",
     point=vector(3, "m", "contact point from the centre of mass of the owner's body"),
     partner_point=vector(3, "m", "the same from that of the partner's body"),
     normal=vector(3, "", "unit normal from partner to owner"),
@@ -197,10 +192,9 @@ record = Table(
     twist_width=mark(),
 )
 
-# Forces of contacts between two groups on their partners, in this step; zero for open contacts, and once they are added.
 remote_force = Table(
     "F",
-    "a contact between two groups of bodies",
+    "a contact between two groups of bodies; zero where it is open, and once it is added",
     force=vector(3, "N", "force on the partner's body"),
     friction_work=number("J", "the partner's part of the friction work"),
     torque=vector(3, "N m", "torque on the partner's body"),
@@ -210,10 +204,9 @@ remote_force = Table(
     _0=skip(3),
 )
 
-# A body and its surroundings, as a labeller sees them: one row.
 observed_body = Table(
     "observed",
-    "a body",
+    "a body and its surroundings, as a labeller sees them",
     mass=number("kg", "mass"),
     position=vector(3, "m", "centre of mass"),
     velocity=vector(3, "m/s", "velocity"),
@@ -229,10 +222,9 @@ observed_body = Table(
     plate_speed=number("m/s", "speed of the upper plate"),
 )
 
-# A loaded contact of a body, as a labeller sees it; the labeller's memory of it begins at MEMORY.
 loaded_contact = Table(
     "C",
-    "a loaded contact of a body",
+    "a loaded contact of a body, as a labeller sees it, then the labeller's memory of it",
     partner=number("", "what it is with: LOWER, UPPER, DEBRIS"),
     point=vector(3, "m", "contact point from the centre of mass"),
     normal=vector(3, "", "unit normal from the partner to the body"),
@@ -250,10 +242,9 @@ loaded_contact = Table(
     memory=mark(),
 )
 
-# Totals since the start, and powers of the last step for the trapezoidal rule; implicit: a row per body.
 run_totals = Table(
     "A",
-    "the run",
+    "the run, or each body: totals since the start, and powers of the last step for the trapezoidal rule",
     friction_work=number("J", "dissipated by friction"),
     damping_work=number("J", "dissipated by dashpots"),
     plate_work=number("J", "work of the plates"),

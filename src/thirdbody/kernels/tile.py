@@ -74,10 +74,9 @@ rolling_output = Table(
     viscous_twist=number("N m", "moment of the dashpot about the normal"),
 )
 
-# Tangents of contacts (stride TILE); those of moments only with a law of the rolling or of the twisting stage.
 contact_tangent = Table(
     "K",
-    "a tile of contacts",
+    "a tile of contacts; those of moments only with a law of the rolling or twisting stage",
     normal=number("N/m", "change of the normal force with the overlap"),
     xx=number("N/m", "change of the tangential force x with the slip x"),
     xy=number("N/m", "of x with slip y"),
@@ -97,10 +96,9 @@ contact_tangent = Table(
     spots_width=mark(),
 )
 
-# Geometry of the contacts of a tile, and forces on their bodies (stride TILE, as in the laws' tables).
 geometry = Table(
     "G",
-    "a tile of contacts",
+    "a tile of contacts, and forces on their bodies",
     normal=vector(3, "", "unit normal from partner to owner"),
     mid_normal=vector(3, "", "unit normal in the middle of the step"),
     axis=vector(3, "", "first axis of the contact's frame, carried along"),

@@ -17,7 +17,6 @@ NEARLY_UNIT = 5e-6
 
 @njit(**BARE)
 def matrix(w, x, y, z):
-    """Return the rotation matrix, body to world, row by row."""
     return (
         1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y),
         2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x),
@@ -33,7 +32,6 @@ def _to_body(w, x, y, z, v):
 
 @njit(**BARE)
 def spin(q, angular_momentum, inertia):
-    """Return the angular velocity of a body [rad/s] from its angular momentum, both in world axes."""
     a, b, c, d, e, f, g, h, i = matrix(q[0], q[1], q[2], q[3])
     l_x, l_y, l_z = _to_body(q[0], q[1], q[2], q[3], angular_momentum)
     p_x, p_y, p_z = l_x / inertia[0], l_y / inertia[1], l_z / inertia[2]
@@ -42,7 +40,7 @@ def spin(q, angular_momentum, inertia):
 
 @njit(**BARE)
 def _about(w, x, y, z, angle):
-    """Return the quaternion after a rotation about the body's own axis of x. tan(angle/2) is replaced by angle/2, which preserves
+    """Return the quaternion after a rotation about the body's own axis of x, with tan(angle/2) replaced by angle/2: it preserves
     length and reversibility. For the other axes permute the arguments cyclically."""
     s = 0.5 * angle
     c = 1.0 / math.sqrt(1.0 + s * s)
@@ -52,12 +50,8 @@ def _about(w, x, y, z, angle):
 
 @njit(**BARE)
 def free_rotation(q, angular_momentum, inertia, dt):
-    """Return the orientation after dt with constant angular momentum.
-
-    Rotations about the principal axes 3, 2, 1, 2, 3: splitting of Dullweber, Leimkuhler and McLachlan 1997 (Miller et al. 2002),
-    second order, time-reversible; the angular momentum, stored in world axes, is constant to the last bit. A single sphere needs
-    no splitting (`rotate_small`).
-    """
+    """Return the orientation after dt with constant angular momentum: rotations about the principal axes 3, 2, 1, 2, 3, the
+    splitting of Dullweber, Leimkuhler and McLachlan 1997 (Miller et al. 2002), second order and time-reversible."""
     (w, x, y, z), (i_x, i_y, i_z), momentum, half = q, inertia, angular_momentum, 0.5 * dt
     w, z, x, y = _about(w, z, x, y, half * _to_body(w, x, y, z, momentum)[2] / i_z)
     w, y, z, x = _about(w, y, z, x, half * _to_body(w, x, y, z, momentum)[1] / i_y)
@@ -69,7 +63,6 @@ def free_rotation(q, angular_momentum, inertia, dt):
 
 @njit(**BARE)
 def total(v):
-    """Return the sum of the first three lanes of v."""
     return extract(v, 0) + extract(v, 1) + extract(v, 2)
 
 
@@ -89,7 +82,6 @@ def rotate_small(q, r):
 
 @njit(**BARE)
 def rotate(q, x, y, z):
-    """Return q after a rotation by the vector (x, y, z), world axes, exactly."""
     size = math.sqrt(x * x + y * y + z * z)
     # sin(size/2)/size, without loss of digits at zero
     s = 0.5 * (1.0 - size * size / 24.0) if size < 1e-4 else math.sin(0.5 * size) / size
@@ -130,6 +122,5 @@ def images(d, length, inverse):
 
 @njit(**BARE)
 def box_of(D):
-    """Return the periodic lengths of the domain and their inverses."""
     l_x, l_y = max(D[domain.LENGTH_X], 0.0), max(D[domain.LENGTH_Y], 0.0)
     return Box(l_x, l_y, inverse(l_x), inverse(l_y), D[domain.REACH])

@@ -39,7 +39,7 @@ COLUMNS = {
 
 @dataclass(frozen=True)
 class Chain:
-    """Laws of one scene, compiled: `law`, `stiffness` and `tangents` work on tiles, and are compiled when they are first used."""
+    """Laws of one scene; `law`, `stiffness` and `tangents` work on tiles, and are compiled when they are first used."""
 
     laws: tuple[Law, ...]
 
@@ -48,7 +48,6 @@ class Chain:
 
     @cached_property
     def module(self) -> ModuleType:
-        """The generated module."""
         functions = [part for law in self.laws for part in (law.kernel, law.tangent, law.added_load) if part]
         return load_module("law", law_text(self), functions)[0]
 
@@ -62,7 +61,6 @@ class Chain:
 
     @cached_property
     def law(self) -> Callable:
-        """Forces, memory and energies."""
         return self._compiled("law")
 
     @cached_property
@@ -77,12 +75,9 @@ class Chain:
 
     @property
     def history(self) -> tuple[str, ...]:
-        """Names of all floats stored per contact.
-
-        Those of the laws, fields included, the stored energy where no law has it as history, then the forces of the dashpots, for
-        their dissipation: normal and tangential force packed into one number (`kernels.books`), and their moments in
-        another if there is a law of the rolling or of the twisting stage.
-        """
+        """Names of all floats stored per contact: of the laws, the stored energy where no law has it, the forces of the dashpots
+        packed into one number (`kernels.books`), and their moments in another if there is a law of the rolling or of the twisting
+        stage."""
         names = tuple(f"{law.name}.{name}" for law in self.laws for name in law.memory())
         names += ("springs.energy",) if self.stored == len(names) else ()
         stages = {law.stage for law in self.laws}
@@ -102,7 +97,6 @@ class Chain:
 
     @property
     def reaching(self) -> tuple[str, ...]:
-        """Names of the laws that act before the bodies touch, or on after it."""
         return tuple(law.name for law in self.laws if law.reach)
 
     @property
@@ -116,10 +110,8 @@ class Chain:
 
     @property
     def force_columns(self) -> tuple[int, int, int]:
-        """Columns of the tangential force, of the rolling moment and of the moment about the normal in the history.
-
-        Moment -1: no law of that stage. Force -1: a law of these stages does not name its stored force as in `SPRINGS`.
-        """
+        """Columns of the tangential force, of the rolling moment and of the moment about the normal in the history. Moment -1: no
+        law of that stage. Force -1: a law of these stages does not name its stored force as in `SPRINGS`."""
         columns = dict.fromkeys(SPRINGS, -1)
         for law in self.laws:
             if names := SPRINGS.get(law.stage):
@@ -139,10 +131,8 @@ class Chain:
 
     @property
     def stored(self) -> int:
-        """Column of the energy stored by all springs but the normal one in the history; -1: the chain has no such springs.
-
-        It is the law's own `energy` where one law has all the springs, else a column after the histories of all laws.
-        """
+        """Column of the history with the energy of all springs but the normal one: the law's own `energy` where one law has them
+        all, else one after the histories of all laws; -1: the chain has no such springs."""
         springs = [law for law in self.laws if law.stage in SPRINGS]
         if len(springs) == 1 and "energy" in springs[0].history:
             return self.first_of(springs[0]) + springs[0].history.index("energy")
@@ -160,7 +150,6 @@ class Chain:
 
     @property
     def loss(self) -> str:
-        """Name of that energy in the ledger."""
         return LOSSES[self.laws[0].history[self.loss_column]] if self.loss_column >= 0 else ""
 
     @property
@@ -172,11 +161,8 @@ class Chain:
 
 
 def ordered(laws: Iterable[Law]) -> tuple[Law, ...]:
-    """Return the laws in the order of their stages; one law per stage, any number for adhesion.
-
-    Raises ValueError when the normal stage is empty, a stage has two laws, a law that is not tangential has a field, or a law
-    assumes another normal law.
-    """
+    """Return the laws in the order of their stages; any number for adhesion. Raises ValueError when the normal stage is empty,
+    another has two laws, a law that is not tangential has a field, or a law assumes another normal law."""
     chain = tuple(sorted(laws, key=lambda law: STAGES.index(law.stage)))
     for stage in STAGES:
         names = [law.name for law in chain if law.stage == stage]
@@ -201,7 +187,6 @@ def compose(laws: Iterable[Law]) -> Chain:
 
 
 def fields_of(part: Any) -> tuple[str, ...]:
-    """Return the names of the parameters of a law, an effect or a measure."""
     return tuple(part.parameters._fields)
 
 
@@ -209,7 +194,6 @@ def fields_of(part: Any) -> tuple[str, ...]:
 
 
 def law_text(chain: Chain) -> str:
-    """Return the text of the module of a chain: `law`, `stiffness`, `tangents`."""
     imports, _, rest = Path(__file__).with_name("tile_law.py").read_text(encoding="utf-8").partition("# -- head\n")
     laws, (first, size) = chain.laws, chain.field
     counts = {law.stage: len(law.history) for law in laws}
@@ -227,7 +211,6 @@ def law_text(chain: Chain) -> str:
 
 
 def import_lines(parts: Sequence[Any]) -> Iterator[str]:
-    """Import kernels, tangents, added loads and parameters under numbered names."""
     for k, part in enumerate(parts):
         for name in ("kernel", "tangent", "added_load"):
             if source := plain(getattr(part, name, None)):
@@ -329,12 +312,10 @@ def effects(B, E, first, last, time, dt, parameters):
 
 
 def compose_effects(effects: Sequence[BodyEffect]) -> Callable:
-    """Compile the loop over bodies that applies these effects in order, each with its own parameters.
-
-    Effects that see forces come last, with the force of the contacts and the others, and the body after the closing half kick of
-    these. Without it the sign of the velocity has a bias of g dt/2, and a force opposing the motion would make a body tremble
-    instead of bringing it to rest. The end of settling [s] follows all parameters if any effect is for settling.
-    """
+    """Compile the loop over bodies that applies these effects in order, each with its own parameters. Effects that see forces
+    come last, with the force of the contacts and the others, and the body after the closing half kick of these: else a force
+    opposing the motion would make a body tremble instead of bringing it to rest. The end of settling [s] follows all parameters
+    if any effect is for settling."""
     counts = [len(fields_of(effect)) for effect in effects]
 
     def total(k: int, chosen: Iterable[int]) -> str:
@@ -357,10 +338,8 @@ def compose_effects(effects: Sequence[BodyEffect]) -> Callable:
 
 
 def compose_labeller(labeller: Labeller, effects: bool = True) -> tuple[Callable, Callable]:
-    """Compile `observe` and `label` with the engine's signatures; `effects`: whether effects may act on bodies.
-
-    The generated module copies their code: wrappers would compile all twice. What they call is compiled within it only.
-    """
+    """Compile `observe` and `label` with the engine's signatures; `effects`: whether effects may act on bodies. The generated
+    module copies their code: wrappers would compile all twice."""
     text = HEAD.format(labeller.name)
     chosen = labeller.label if effects else labeller.label_without_effects or labeller.label
     for name, kernel in (("observe", labeller.observe), ("label", chosen)):

@@ -19,21 +19,18 @@ overlaps down to minus the reach, and returns no force and no energy from there 
 where it is negative. A time step must resolve the reach. `balance` refuses such laws, and the implicit integrator
 on rough plates.
 
-Friction feels the sum of the normal stages. A normal or adhesion law may add to it by `added_load(c, n, p)` [N], which must not
-depend on the overlap: adhesion presses the surfaces together.
+Friction feels the sum of the normal stages, and `added_load(c, n, p)` [N] of a normal or adhesion law, which must not depend on
+the overlap: adhesion presses the surfaces together. The engine clips `normal + damping` at zero (a dashpot cannot pull in a dry
+contact; where a normal law with a reach attracts, it cannot add to the attraction), passes that sum to the tangential stage, adds
+adhesion to the total force only, and returns the sum of spring and dashpot to the friction limit; likewise of moments.
 
-The engine clips `normal + damping` at zero (a dashpot cannot pull in a dry contact; where a normal law with a reach attracts, it
-cannot add to the attraction), passes that sum to the tangential stage as the load available to friction, adds adhesion to the
-total force only, and scales the viscous tangential force to fit within the remaining friction limit; likewise the viscous parts
-of moments. It computes the power of all dashpots from the forces and moments that actually acted; explicit runs store these,
-because energies there are those of the mean force. `dissipated` belongs to the force at the end of the step. If a tangential law
-stores its force as history `force_x, force_y` (a rolling law its moment as `moment_x, moment_y`, a twisting law as `moment`), the
-explicit integrator computes the friction work with the mean of the forces at both ends of the step, which is the work that the
-bodies exchange (`kernels.books`); without these names the ledger of an explicit run closes only to first
-order in the step where friction jumps. A tangential, rolling or twisting law whose history contains the value it returns as
-`stored` names it `energy`: if no other law has a spring, the engine needs no column for it. A moment acts on i, and with opposite
-sign on j; `turn` is the rotation of i relative to j about the two tangential axes, `twist` that about the normal, so the work of
-the pair is moment times rotation. Only scenes with a twisting law compute the rotation about the normal. A normal law that
+It computes the power of all dashpots from the forces and moments that actually acted. `dissipated` belongs to the force at the
+end of the step. If a tangential law stores its force as history `force_x, force_y` (a rolling law its moment as `moment_x,
+moment_y`, a twisting law as `moment`), the explicit integrator computes the friction work with the mean of the forces at both
+ends of the step, which is the work that the bodies exchange (`kernels.books`); without these names the ledger of an explicit run
+closes only to first order in the step where friction jumps. A law whose history contains the value it returns as `stored` names
+it `energy`: if no other law has a spring, the engine needs no column for it. A moment acts on i, and with opposite sign on j;
+`turn` is the rotation of i relative to j about the two tangential axes, `twist` that about the normal. A normal law that
 dissipates names what its contact has dissipated since it closed `plastic_work` or `adhesion_work` in its history: the engine
 then keeps that per body, and apart from friction in the ledger.
 """
@@ -339,10 +336,7 @@ class LawFamily:
 
 @dataclass(frozen=True)
 class Plugin(Checked):
-    """Everything that one plug-in provides except commands.
-
-    Commands are entry points of the group `thirdbody.commands`: functions for typer, imported only when called.
-    """
+    """Everything that one plug-in provides except commands, which are entry points of the group `thirdbody.commands`."""
 
     TUPLES = {"families": LawFamily, "effects": (Law, BodyEffect, SpotInteraction), "measures": Measure}
 

@@ -4,13 +4,11 @@ m x'' + K x^1.5 + alpha sqrt(m K) x^0.25 x' = 0 (Tsuji et al. 1992). With y = x^
 oscillator (Antypov and Elliott 2011), so the restitution of the *clipped* contact, which cannot pull, is the linear one of
 Schwager and Poeschel 2007, and alpha(e) follows from it by bisection.
 
-The coefficient is alpha sqrt((2/3) m k_n) with the stiffness k_n = 2 E* a of any circular elastic contact, so the law needs the
-contact radius only. Under another elastic force d^p the restitution is independent of speed, too, and the damping ratio is
-sqrt(5 p/(3 p + 3)) times that of Hertz: 1.05 for a cone, p = 2.
+The coefficient is alpha sqrt((2/3) m k_n) with the stiffness k_n = 2 E* a of any circular elastic contact. Under another elastic
+force d^p the restitution is independent of speed, too, and the damping ratio is sqrt(5 p/(3 p + 3)) times that of Hertz.
 
-The tangential dashpot adds its force to that of the spring, and the sum is returned to the friction limit (the nearest point of
-the circle): so it always dissipates, and the force of a contact that slides changes steadily as its motion turns. The spring
-keeps the limit; LAMMPS and LIGGGHTS leave it what the dashpot leaves.
+The tangential dashpot adds its force to that of the spring, and the sum is returned to the friction limit: so it always
+dissipates. The spring keeps the limit; LAMMPS and LIGGGHTS leave it what the dashpot leaves.
 """
 
 import math
@@ -28,11 +26,8 @@ class DampingParameters(NamedTuple):
 
 
 def restitution_of(alpha: float) -> float:
-    """Coefficient of restitution [-] of the clipped contact for the damping number alpha >= 0.
-
-    Linear oscillator with omega_0^2 = 4/5 and gamma = 2 alpha/5, released where its acceleration vanishes (Schwager and Poeschel
-    2007, Eqs. 10-12).
-    """
+    """Coefficient of restitution [-] of the clipped contact for the damping number alpha >= 0: linear oscillator with omega_0^2 =
+    4/5 and gamma = 2 alpha/5, released where its acceleration vanishes (Schwager and Poeschel 2007, Eqs. 10-12)."""
     omega_0, gamma = math.sqrt(0.8), 0.4 * alpha
     if gamma == 0.0:
         return 1.0
@@ -66,7 +61,6 @@ def hertz_damping(c, n, p):
 
 
 def mix_damping(pair: Pair, _options: Options) -> DampingParameters:
-    """Return the scale alpha sqrt((4/3) E*) of a pair."""
     return DampingParameters(damping_number(pair.restitution) * math.sqrt(4.0 / 3.0 * e_star(pair.a, pair.b)))
 
 
@@ -77,7 +71,6 @@ def tangential_damping(c, load, p):
 
 
 def mix_tangential_damping(pair: Pair, _options: Options) -> DampingParameters:
-    """Return the scale alpha sqrt((4/3) G*) of a pair."""
     return DampingParameters(damping_number(pair.restitution) * math.sqrt(4.0 / 3.0 * g_star(pair.a, pair.b)))
 
 
@@ -87,21 +80,11 @@ def loses_energy(pairs: Sequence[Pair]) -> bool:
 
 
 HERTZ_DAMPING = Law(
-    name="hertz_damping",
-    stage="damping",
-    kernel=hertz_damping,
-    parameters=DampingParameters,
-    mix=mix_damping,
-    wanted=loses_energy,
+    "hertz_damping", "damping", hertz_damping, DampingParameters, mix_damping, wanted=loses_energy,
     source="Tsuji et al. 1992; Antypov and Elliott 2011; clipped restitution by Schwager and Poeschel 2007",
-)
+)  # fmt: skip
 
 TANGENTIAL_DAMPING = Law(
-    name="tangential_damping",
-    stage="tangential_damping",
-    kernel=tangential_damping,
-    parameters=DampingParameters,
-    mix=mix_tangential_damping,
-    wanted=loses_energy,
-    source="Tsuji et al. 1992: the normal dashpot's damping ratio for the tangential spring",
-)
+    "tangential_damping", "tangential_damping", tangential_damping, DampingParameters, mix_tangential_damping,
+    wanted=loses_energy, source="Tsuji et al. 1992: the normal dashpot's damping ratio for the tangential spring",
+)  # fmt: skip

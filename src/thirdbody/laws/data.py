@@ -1,13 +1,13 @@
 """What kernels of laws and effects receive and return: named tuples, SI units. Signs are those of `laws.contract`."""
 
-from typing import NamedTuple
+from collections import namedtuple
 
 FULL, EXPLICIT, IMPLICIT = 0.0, 1.0, 2.0
 """Code of the integrator, the last parameter of each pair where a force jumps at touch: outside steps, in explicit ones, in
 implicit ones."""
 
 
-class Contact(NamedTuple):
+class Contact(namedtuple("Contact", "overlap radius mass v_n slip_x slip_y v_x v_y roll_x roll_y moved", defaults=(0.0,))):
     """State of one contact, input of all laws.
 
     overlap : Overlap [m].
@@ -20,20 +20,8 @@ class Contact(NamedTuple):
     moved : Overlap gained in the step [m]; 0 where nothing moves, and unless the force of a law jumps (`Law.in_steps`).
     """
 
-    overlap: float
-    radius: float
-    mass: float
-    v_n: float
-    slip_x: float
-    slip_y: float
-    v_x: float
-    v_y: float
-    roll_x: float
-    roll_y: float
-    moved: float = 0.0
 
-
-class Normal(NamedTuple):
+class Normal(namedtuple("Normal", "force contact_radius stored dissipated peak_pressure squared_radius_rate")):
     """Result of a normal law.
 
     force : Force, positive in compression [N].
@@ -43,26 +31,16 @@ class Normal(NamedTuple):
     squared_radius_rate : d(a^2)/dd of the contact radius a [m]: finite at first touch, where da/dd of a sphere is not.
     """
 
-    force: float
-    contact_radius: float
-    stored: float
-    dissipated: float
-    peak_pressure: float
-    squared_radius_rate: float
 
-
-class Adhesion(NamedTuple):
+class Adhesion(namedtuple("Adhesion", "force stored")):
     """Result of an adhesion law.
 
     force : Force, negative: attractive [N].
     stored : Energy, zero where the force begins: at first touch, or at minus the reach; negative in an adhesive well [J].
     """
 
-    force: float
-    stored: float
 
-
-class Load(NamedTuple):
+class Load(namedtuple("Load", "force elastic contact_radius stiffness squared_radius_rate")):
     """Result of the normal stages, input of the tangential ones.
 
     force : Load available to friction: elastic plus viscous, never negative [N].
@@ -72,14 +50,8 @@ class Load(NamedTuple):
     squared_radius_rate : d(a^2)/dd [m], so da/dd = squared_radius_rate/(2 a); set only when a tangent is evaluated.
     """
 
-    force: float
-    elastic: float
-    contact_radius: float
-    stiffness: float
-    squared_radius_rate: float
 
-
-class Tangential(NamedTuple):
+class Tangential(namedtuple("Tangential", "x y limit critical slip stored dissipated")):
     """Result of a tangential law.
 
     x, y : Force on i [N].
@@ -89,29 +61,16 @@ class Tangential(NamedTuple):
     stored, dissipated : Elastic energy, and energy dissipated during this step [J].
     """
 
-    x: float
-    y: float
-    limit: float
-    critical: float
-    slip: float
-    stored: float
-    dissipated: float
 
-
-class Turn(NamedTuple):
+class Turn(namedtuple("Turn", "x y w_x w_y")):
     """Rotation of i relative to j about the tangential axes of the contact frame, input of the rolling stage.
 
     x, y : Rotation during the step [rad].
     w_x, w_y : Its rate, synchronised with the overlap [rad/s].
     """
 
-    x: float
-    y: float
-    w_x: float
-    w_y: float
 
-
-class Rolling(NamedTuple):
+class Rolling(namedtuple("Rolling", "x y limit viscosity turn stored dissipated")):
     """Result of a rolling law.
 
     x, y : Moment on i about the axes of the contact frame [N m].
@@ -121,27 +80,16 @@ class Rolling(NamedTuple):
     stored, dissipated : Elastic energy, and energy dissipated during this step [J].
     """
 
-    x: float
-    y: float
-    limit: float
-    viscosity: float
-    turn: float
-    stored: float
-    dissipated: float
 
-
-class Twist(NamedTuple):
+class Twist(namedtuple("Twist", "angle rate")):
     """Rotation of i relative to j about the normal, input of the twisting stage.
 
     angle : Rotation during the step [rad].
     rate : Its rate, synchronised with the overlap [rad/s].
     """
 
-    angle: float
-    rate: float
 
-
-class Twisting(NamedTuple):
+class Twisting(namedtuple("Twisting", "moment limit viscosity turn stored dissipated")):
     """Result of a twisting law.
 
     moment : Moment on i about the normal [N m].
@@ -151,15 +99,8 @@ class Twisting(NamedTuple):
     stored, dissipated : Elastic energy, and energy dissipated during this step [J].
     """
 
-    moment: float
-    limit: float
-    viscosity: float
-    turn: float
-    stored: float
-    dissipated: float
 
-
-class Body(NamedTuple):
+class Body(namedtuple("Body", "mass x y z v_x v_y v_z w_x w_y w_z inertia time")):
     """State of one body in world axes, input of body effects.
 
     mass : Mass [kg].
@@ -170,30 +111,10 @@ class Body(NamedTuple):
     time : Time [s].
     """
 
-    mass: float
-    x: float
-    y: float
-    z: float
-    v_x: float
-    v_y: float
-    v_z: float
-    w_x: float
-    w_y: float
-    w_z: float
-    inertia: float
-    time: float
 
-
-class Wrench(NamedTuple):
+class Wrench(namedtuple("Wrench", "f_x f_y f_z t_x t_y t_z")):
     """Result of a body effect.
 
     f_x, f_y, f_z : Force [N].
     t_x, t_y, t_z : Torque about the centre of mass [N m].
     """
-
-    f_x: float
-    f_y: float
-    f_z: float
-    t_x: float
-    t_y: float
-    t_z: float

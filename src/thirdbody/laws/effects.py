@@ -39,22 +39,15 @@ def viscous(b, p):
 
 
 GRAVITY = BodyEffect(
-    name="gravity",
-    kernel=gravity,
-    parameters=GravityParameters,
-    mix=lambda options: GravityParameters(*options["acceleration"]),
-    options=(Option("acceleration", "acceleration", None, size=3, doc="acceleration vector"),),
-    source="Newton 1687",
-)
+    "gravity", gravity, GravityParameters, lambda options: GravityParameters(*options["acceleration"]), "Newton 1687",
+    (Option("acceleration", "acceleration", None, size=3, doc="acceleration vector"),),
+)  # fmt: skip
 
 DAMPING = BodyEffect(
-    name="damping",
-    kernel=viscous,
-    parameters=ViscousParameters,
-    mix=lambda options: ViscousParameters(options["rate"]),
-    options=(Option("rate", "rate", None, low=0.0, doc='rate at which velocities decay, such as "1e4 1/s"'),),
-    source="linear (Stokes) drag with a uniform rate",
-)
+    "damping", viscous, ViscousParameters, lambda options: ViscousParameters(options["rate"]),
+    "linear (Stokes) drag with a uniform rate",
+    (Option("rate", "rate", None, low=0.0, doc='rate at which velocities decay, such as "1e4 1/s"'),),
+)  # fmt: skip
 
 
 class LocalParameters(NamedTuple):
@@ -71,12 +64,9 @@ def against(alpha, force, velocity):
 
 @kernel
 def local(b, total, p):
-    """-alpha |F_k| sign(v_k) and -alpha |T_k| sign(omega_k), component by component along the world axes.
-
-    It never moves a body at rest and vanishes in equilibrium, so it does not shift equilibrium positions; but it slows a fall to
-    (1 - alpha) g and is unphysical: between two turning points the potential energy, measured from the equilibrium, falls to the
-    fraction (1 - alpha)/(1 + alpha), whatever the frequency.
-    """
+    """-alpha |F_k| sign(v_k) and -alpha |T_k| sign(omega_k), component by component along the world axes: zero in equilibrium,
+    but it slows a fall to (1 - alpha) g: between two turning points the potential energy falls to (1 - alpha)/(1 + alpha) of
+    it."""
     return Wrench(
         against(p.alpha, total.f_x, b.v_x), against(p.alpha, total.f_y, b.v_y), against(p.alpha, total.f_z, b.v_z),
         against(p.alpha, total.t_x, b.w_x), against(p.alpha, total.t_y, b.w_y), against(p.alpha, total.t_z, b.w_z),
@@ -84,18 +74,13 @@ def local(b, total, p):
 
 
 LOCAL_DAMPING = BodyEffect(
-    name="local_damping",
-    kernel=local,
-    parameters=LocalParameters,
-    mix=lambda options: LocalParameters(options["coefficient"]),
-    options=(
+    "local_damping", local, LocalParameters, lambda options: LocalParameters(options["coefficient"]),
+    "Cundall 1987 (local nonviscous damping), as in PFC and YADE",
+    (
         Option("coefficient", "dimensionless", None, low=0.0, high=0.9, doc="fraction of the unbalanced force, such as 0.3"),
         Option("until", "dimensionless", "settled", words=("settled",), doc="when it ends: it is for settling only"),
-    ),
-    sees_forces=True,
-    settling=True,
-    source="Cundall 1987 (local nonviscous damping), as in PFC and YADE",
-)
+    ), sees_forces=True, settling=True,
+)  # fmt: skip
 
 
 @kernel

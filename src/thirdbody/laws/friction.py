@@ -6,6 +6,7 @@ not need.
 """
 
 import math
+from collections import namedtuple
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
@@ -17,36 +18,20 @@ from thirdbody.laws.hertz import e_star, g_star
 from thirdbody.laws.memory import MEMORIES, MEMORY, Memory, friction_tangent, renewed_spring, retained_energy
 from thirdbody.laws.renewal import RENEWAL_OF_SPRINGS, growth_of, moved_ground, renewal_rate, renewed
 
-
-class Elastic(NamedTuple):
-    """Spring of a law under its load, and derivatives by the overlap.
-
-    Stiffness [N/m] and rate [N/m2]; limit [N] and rate [N/m]; slip of first sliding [m]; whether there is friction at all.
-    """
-
-    stiffness: float
-    stiffness_rate: float
-    limit: float
-    limit_rate: float
-    critical: float
-    rubs: bool
+Elastic = namedtuple("Elastic", "stiffness stiffness_rate limit limit_rate critical rubs")
+"""Spring of a law under its load: stiffness [N/m] and its rate with the overlap [N/m2]; limit [N] and rate [N/m]; slip of first
+sliding [m]; whether there is friction at all."""
 
 
-class Renewing(NamedTuple):
-    """Renewal of a rolling contact area per contact radius of travel, and its relative decrease with the overlap [1/m]."""
-
-    rate: float
-    falls: float
+Renewing = namedtuple("Renewing", "rate falls")
+"""Renewal of a rolling contact area per contact radius of travel, and its relative decrease with the overlap [1/m]."""
 
 
 GROUND = ("offset_x", "offset_y", "reach")
 
 
 def kernels_of(elastic: Callable, renewing: Callable, memory: Memory, rolls: bool) -> tuple[Callable, Callable]:
-    """Return kernel and tangent of a law with this spring: `elastic(c, load, p)` returns `Elastic`.
-
-    `rolls`: a rolling contact area is renewed, as `renewing(load, p, elastic)` says in a `Renewing`.
-    """
+    """Return kernel and tangent of a law with this spring. `rolls`: a rolling contact area is renewed, as `renewing` says."""
     step, remaining, scaled = memory.step, memory.remaining, memory.scaled
 
     def law(c, load, p, h):
@@ -87,11 +72,8 @@ def kernels_of(elastic: Callable, renewing: Callable, memory: Memory, rolls: boo
 
 
 def with_forms(law: Law, elastic: Callable, renewing: Callable, rolling: Law, space: dict[str, Any]) -> Law:
-    """Return the law with its kernels, and with a variant for each number of closed rings, with and without renewal.
-
-    `rolling` has the parameters of the variants with renewal. Their kernels, which generated modules import by name, are put into
-    the module with this namespace.
-    """
+    """Return the law with its kernels, and with a variant for each number of closed rings, with and without renewal (`rolling`).
+    Their kernels, which generated modules import by name, are put into the module with the namespace `space`."""
     forms: dict[tuple[int, bool], Law] = {}
     for (count, memory), rolls in product(enumerate(MEMORIES), (False, True)):
         functions = kernels_of(elastic, renewing, memory, rolls)
@@ -127,11 +109,8 @@ class CoulombParameters(NamedTuple):
 
 
 class RollingCoulombParameters(NamedTuple):
-    """Friction, slip scale, G*, and the renewal of a rolling contact area per contact radius of travel.
-
-    Kalker's creep needs a rate in proportion to the stiffness of the spring: `of_stiffness` is that rate at 2 G* a. One of the
-    two rates is zero.
-    """
+    """Friction, slip scale, G*, and the renewal of a rolling contact area per contact radius of travel, or that at 2 G* a:
+    Kalker's creep needs a rate in proportion to the stiffness of the spring. One of the two rates is zero."""
 
     mu: float
     slip_scale: float
@@ -142,12 +121,9 @@ class RollingCoulombParameters(NamedTuple):
 
 @kernel
 def spring_of_load(c, load, p):
-    """Spring limited to mu N with stiffness k = mu N/s_0, s_0 = slip_scale R.
-
-    The spring is never stiffer than the elastic contact, 2 G* a: a stiffer one, at large mu N, would need a smaller time step
-    than the impact of two bodies. As in `mindlin`, a falling stiffness releases the excess force and energy: no closed path
-    creates energy; and without renewal a contact that rolls on keeps its tangential force.
-    """
+    """Spring limited to mu N with stiffness k = mu N/s_0, s_0 = slip_scale R, at most that of the elastic contact, 2 G* a: a
+    stiffer one would need a smaller time step than the impact of two bodies. As in `mindlin`, a falling stiffness releases the
+    excess force and energy, and without renewal a contact that rolls on keeps its tangential force."""
     limit, limit_rate = p.mu * load.force, p.mu * load.stiffness
     stiffness, rate = limit / (p.slip_scale * c.radius), limit_rate / (p.slip_scale * c.radius)
     elastic = 2.0 * p.g_star * load.contact_radius
@@ -166,23 +142,16 @@ def renewal_of_load(load, p, elastic):
 
 
 def mix_coulomb(pair: Pair, options: Options) -> CoulombParameters:
-    """Return friction of the pair, slip scale, G*, and the kind of memory."""
     return CoulombParameters(pair.friction, options["slip_scale"], g_star(pair.a, pair.b), retained_energy(options))
 
 
 _COULOMB = Law(
-    name="coulomb",
-    stage="tangential",
-    kernel=spring_of_load,
-    parameters=CoulombParameters,
-    mix=mix_coulomb,
-    options=(
-        Option(
-            "slip_scale", "dimensionless", 1e-3, low=1e-9, high=1.0,
-            doc="slip at which the friction limit is reached, as a fraction of the contact's radius of curvature",
-        ), MEMORY, RENEWAL_OF_SPRINGS,
-    ),
-    source="Coulomb 1785, regularised as an elastic-plastic spring (Cundall and Strack 1979, stiffness following the load)",
+    "coulomb", "tangential", spring_of_load, CoulombParameters, mix_coulomb,
+    "Coulomb 1785, regularised as an elastic-plastic spring (Cundall and Strack 1979, stiffness following the load)",
+    (Option(
+        "slip_scale", "dimensionless", 1e-3, low=1e-9, high=1.0,
+        doc="slip at which the friction limit is reached, as a fraction of the contact's radius of curvature",
+    ), MEMORY, RENEWAL_OF_SPRINGS),
 )  # fmt: skip
 _ROLLING = replace(
     _COULOMB, parameters=RollingCoulombParameters,
@@ -214,13 +183,11 @@ class RollingMindlinParameters(NamedTuple):
 
 @kernel
 def spring_of_area(c, load, p):
-    """T -= 2 G* a ds, scaled back onto mu N; T and the energy U are the history (`thirdbody.laws.memory`).
-
-    A decrease of the contact area releases force and energy of the lost area (Thornton and Randall 1988; Walton and Braun 1986);
-    a stored displacement instead would create energy (Elata and Berryman 1996). The spring belongs to the contact area, not to
-    the material under it: without renewal a contact that rolls on keeps its tangential force. In reality unstressed material
-    enters the contact, and the force decays over about two contact radii of travel.
-    """
+    """T -= 2 G* a ds, scaled back onto mu N; T and the energy U are the history (`thirdbody.laws.memory`). A decrease of the
+    contact area releases force and energy of the lost area (Thornton and Randall 1988; Walton and Braun 1986); a stored
+    displacement instead would create energy (Elata and Berryman 1996). The spring belongs to the contact area, not to the
+    material under it: without renewal a contact that rolls on keeps its tangential force. In reality unstressed material enters
+    the contact, and the force decays over about two contact radii of travel."""
     a = load.contact_radius
     rate = p.g_star * load.squared_radius_rate / max(a, 1e-300)
     return Elastic(2.0 * p.g_star * a, rate, p.mu * load.force, p.mu * load.stiffness, p.kappa * c.overlap, True)
@@ -233,20 +200,15 @@ def renewal_of_area(load, p, _elastic):
 
 
 def mix_mindlin(pair: Pair, options: Options) -> MindlinParameters:
-    """Return G*, friction, kappa = mu E*/G* (Willert, Eqs. 13, 14), and the kind of memory."""
     g = g_star(pair.a, pair.b)
     return MindlinParameters(g, pair.friction, pair.friction * e_star(pair.a, pair.b) / g, retained_energy(options))
 
 
 _MINDLIN = Law(
-    name="mindlin",
-    stage="tangential",
-    kernel=spring_of_area,
-    parameters=MindlinParameters,
-    mix=mix_mindlin,
-    options=(MEMORY, RENEWAL_OF_SPRINGS),
-    source="Mindlin 1949; loss of area: Walton and Braun 1986, Thornton and Randall 1988; memory: thirdbody.laws.memory",
-)
+    "mindlin", "tangential", spring_of_area, MindlinParameters, mix_mindlin,
+    "Mindlin 1949; loss of area: Walton and Braun 1986, Thornton and Randall 1988; memory: thirdbody.laws.memory",
+    (MEMORY, RENEWAL_OF_SPRINGS),
+)  # fmt: skip
 _ROLLING = replace(
     _MINDLIN, parameters=RollingMindlinParameters,
     mix=lambda pair, options: RollingMindlinParameters(*mix_mindlin(pair, options)[:3], _rate(pair, options)),

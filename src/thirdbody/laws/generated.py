@@ -4,8 +4,6 @@ numba's own cache watches only the file of the compiled function, and compiles t
 number, a table that was read from a file, a function of another package. So the name must change with all of them.
 """
 
-from __future__ import annotations
-
 import ast
 import hashlib
 import os
@@ -37,17 +35,14 @@ SIMPLE = (type(None), type(Ellipsis), bool, int, float, complex, str, bytes)
 
 
 def plain(function: Any) -> Any:
-    """Return the Python function of a compiled one."""
     return function.py_func if hasattr(function, "py_func") else function
 
 
 def sources(functions: Iterable[Callable]) -> str:
-    """Return a digest of everything that these functions can depend on: source files, code and values.
-
-    The files: the whole package of the law, or the file of a one-file plug-in, and all modules that can be reached from there
-    through names (functions, classes, constants of a module, modules); of installed packages those with functions that the law
-    reaches. Of this engine only the modules that the law can reach count, not the whole package.
-    """
+    """Return a digest of everything that these functions can depend on: source files, code and values. The files: the whole
+    package of the law, or the file of a one-file plug-in, and all modules that can be reached from there through names
+    (functions, classes, constants of a module, modules); of installed packages those with functions that the law reaches. Of this
+    engine only the modules that the law can reach count, not the whole package."""
     functions = list(functions)
     reached = Reached(functions)
     defining = [getattr(sys.modules.get(name), "__file__", None) for name in reached.modules]
@@ -74,17 +69,13 @@ def sources(functions: Iterable[Callable]) -> str:
             installed = {"site-packages", "dist-packages"} & {*Path(getattr(other, "__file__", None) or "").parts}
             if package in own or not (installed or package == ENGINE or package in sys.stdlib_module_names):
                 waiting.append(other)
-    digest = hashlib.sha256(reached.digest.hexdigest().encode())
     for path in sorted(files):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
+        reached.digest.update(path.read_bytes())
+    return reached.digest.hexdigest()[:16]
 
 
 class Reached:
-    """Code and values that functions reach, wherever they are installed, and the modules that define functions and classes.
-
-    The digest is the same for the same code and values in any process.
-    """
+    """Code and values that functions reach, wherever they are installed, and the modules that define functions and classes."""
 
     def __init__(self, functions: Iterable[Callable]) -> None:
         self.digest = hashlib.sha256()
@@ -124,7 +115,6 @@ class Reached:
                 self._object(value, names)
 
     def _object(self, value: Any, names: frozenset[str]) -> None:
-        """Add a module, a function, a class, or an instance of one."""
         owner = value if hasattr(value, "__name__") else type(value)
         self._add(type(value).__name__, getattr(owner, "__module__", ""), getattr(owner, "__qualname__", owner.__name__))
         if isinstance(value, ModuleType):
@@ -163,7 +153,6 @@ class Reached:
 
 
 def _names_in(code: CodeType) -> frozenset[str]:
-    """Return the names of globals and attributes used by code, including functions within it."""
     inner = [_names_in(constant) for constant in code.co_consts if isinstance(constant, CodeType)]
     return frozenset(code.co_names).union(*inner)
 
@@ -176,10 +165,8 @@ _bare: dict[Any, Any] = {}
 
 
 def as_kernel(kernel: Any) -> Any:
-    """Return the kernel, and with it all that it calls, without wrappers for Python, which take as long to compile as most laws.
-
-    It is callable from kernels only.
-    """
+    """Return the kernel, and with it all that it calls, without wrappers for Python, which take as long to compile as most
+    laws."""
     function = plain(kernel)
     if kernel in _bare or function is kernel or not kernel._can_compile:  # the compiler is off, or types are declared
         return _bare.get(kernel, kernel)
@@ -191,8 +178,6 @@ def as_kernel(kernel: Any) -> Any:
 
 
 def calling_kernels(function: FunctionType) -> FunctionType:
-    """Return a copy of a Python function that calls, instead of compiled functions, their `as_kernel`."""
-
     def inner(value: Any) -> Any:
         return as_kernel(value) if isinstance(value, Dispatcher) else value
 
@@ -243,18 +228,13 @@ class _Folding(ast.NodeTransformer):
 
 
 def folded(text: str, known: Mapping[str, Any]) -> str:
-    """Return the text of a module with branches and numbers that these constants decide; comments are lost.
-
-    numba would decide them too, but after it has read all branches: a third of the compile time of small laws.
-    """
+    """Return the text of a module with branches and numbers that these constants decide: numba would read all branches first, for
+    a third of the compile time of small laws."""
     return ast.unparse(_Folding(dict(known)).visit(ast.parse(text))) + "\n"
 
 
 def load_module(kind: str, text: str, functions: Sequence[Callable]) -> tuple[ModuleType, Path]:
-    """Write the generated text under a name that hashes all its dependencies, and import it. Thread-safe.
-
-    Raises OutputError if it cannot be written.
-    """
+    """Write the generated text under a name that hashes all its dependencies, and import it. Thread-safe. Raises OutputError."""
     digest = hashlib.sha256(f"{text}{numba.__version__}{sources(functions)}".encode())
     name = f"thirdbody_{kind}_{digest.hexdigest()[:20]}"
     path = cache.folder() / f"{name}.py"

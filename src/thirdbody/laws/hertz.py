@@ -89,14 +89,9 @@ def hertz_tangent(c, p):
 
 
 HERTZ = Law(
-    name="hertz",
-    stage="normal",
-    kernel=hertz,
-    tangent=hertz_tangent,
-    parameters=HertzParameters,
-    mix=lambda pair, options: HertzParameters(e_star(pair.a, pair.b)),
-    source="Hertz 1882; Willert, Self-consistency conditions in static three-body contact, Eq. 5",
-)
+    "hertz", "normal", hertz, HertzParameters, lambda pair, options: HertzParameters(e_star(pair.a, pair.b)),
+    "Hertz 1882; Willert, Self-consistency conditions in static three-body contact, Eq. 5", tangent=hertz_tangent,
+)  # fmt: skip
 
 
 FIRST_YIELD = 1.6
@@ -108,16 +103,12 @@ ed. 2011, modulus-strength chart) has 0.001 to 0.01 for metals and about 0.01 an
 compression, ceramics: 0.01 is a hard metal, so a pressure above the assumed limit is above that of most metals too."""
 
 ELASTOMER = 1e8
-"""Young's modulus below which no yield strength is assumed [Pa]: elastomers (same chart) stay elastic to strains of 1 and
-more."""
+"""Young's modulus below which no yield strength is assumed [Pa]: elastomers (same chart) stay elastic to strains of 1 or more."""
 
 
 class YieldLimit(NamedTuple):
-    """Peak pressure at first yield of a pair.
-
-    Pressure [Pa] (infinite if neither yields), the material that yields first, its yield strength [Pa], and whether that was
-    assumed because the scene gives none.
-    """
+    """Peak pressure [Pa] at first yield of a pair (infinite: never), the material that yields first, its yield strength [Pa], and
+    whether that was assumed because the scene gives none."""
 
     pressure: float
     material: str
@@ -151,9 +142,6 @@ def yield_force(radius: float, modulus: float, pressure: float) -> float:
 
 
 def yield_speed(modulus: float, pressure: float, density: float) -> float:
-    """Return the speed [m/s] at which a ball that hits a plane reaches a peak pressure.
-
-    V = pi^2/(2 sqrt(10)) sqrt(p^5/(E*^4 rho)): half m V^2 is the elastic energy of Hertz' contact at that pressure, (4/15) pi p
-    a^4/R with a = pi R p/(2 E*) (Thornton and Ning 1998, Eq. 17, who round the factor to 1.56).
-    """
+    """Return the speed [m/s] at which a ball that hits a plane reaches a peak pressure: pi^2/(2 sqrt(10)) sqrt(p^5/(E*^4 rho)),
+    where half m V^2 is the elastic energy of Hertz' contact (Thornton and Ning 1998, Eq. 17, who round the factor to 1.56)."""
     return math.pi**2 / (2.0 * math.sqrt(10.0)) * math.sqrt(pressure**5 / (modulus**4 * density))

@@ -5,8 +5,6 @@ collects them per contact, per body and, where an amount names a map, over the s
 step length depends on them: a run with measures has the bits of one without.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -45,11 +43,9 @@ class Layout(NamedTuple):
 
     @property
     def width(self) -> int:
-        """Number of columns of a contact."""
         return 1 + len(self.targets)
 
     def units(self) -> dict[str, str]:
-        """Return the unit of every array of bodies and contacts and of every map, by name."""
         return {name: unit for name, unit, *_ in (*self.bodies, *self.maps, *self.maxima)}
 
 
@@ -111,5 +107,4 @@ def measures_text(measures: Sequence[Measure]) -> str:
 
 
 def compose_measures(measures: Sequence[Measure]) -> Callable:
-    """Compile the function of signature `MEASURE` that evaluates these measures."""
     return load_module("measure", measures_text(measures), [measure.kernel for measure in measures])[0].measure

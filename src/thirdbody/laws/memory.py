@@ -6,11 +6,10 @@ equal force and equal energy. A shrinking contact area loses force only once it 
 fraction once, not in every cycle. With a uniform field, U = T^2/(4 G* a), this is the rescaled force of Thornton and Randall
 (1988), which assumes a uniform field after every step.
 
-Where load and shear swing together, two numbers lose a static force: one displacement cannot hold both what lies deep inside the
-contact area and what the last half swing has laid around it, and a merge of new slip takes from the core. So the area may have
-up to two closed rings, each with one displacement, and the open one around them, which merges new slip at equal force and energy.
-Closed rings take slip as it is. Where the area turns from shrinking to growing, the open ring is closed, and a new one begins
-outside; a ring too many merges the two neighbours whose merging loses least energy. Area lost is cut from outside.
+Where load and shear swing together, two numbers lose a static force: a merge of new slip takes from the core. So the area may
+have up to two closed rings, each with one displacement, and the open one around them, which merges new slip at equal force and
+energy. Closed rings take slip as it is. Where the area turns from shrinking to growing, the open ring is closed, and a new one
+begins outside; a ring too many merges the two neighbours whose merging loses least energy. Area lost is cut from outside.
 
 Widths of rings are measured in stiffness: of the ring between the radii b and a, 2 G* (a - b). So the sum of force = width
 displacement is the force, that of width displacement^2/2 the energy, and a spring of another stiffness has rings of its own. Slip
@@ -18,8 +17,7 @@ moves all rings alike and the limit scales them alike, so neither changes the ex
 """
 
 import math
-from collections.abc import Callable
-from typing import NamedTuple
+from collections import namedtuple
 
 from thirdbody.laws.contract import Option, Options, kernel
 
@@ -36,34 +34,20 @@ def retained_energy(options: Options) -> float:
     return 0.0 if options.get("memory", MEMORY.default) == "rescaled" else 1.0
 
 
-class Spring(NamedTuple):
-    """A spring after a step: force on the owner [N]; slip at the limit [m]; elastic and dissipated energy [J]."""
-
-    x: float
-    y: float
-    slip: float
-    stored: float
-    dissipated: float
+Spring = namedtuple("Spring", "x y slip stored dissipated")
+"""A spring after a step: force on the owner [N]; slip at the limit [m]; elastic and dissipated energy [J]."""
 
 
-class Retained(NamedTuple):
-    """Force [N] that a contact area keeps as it shrinks, and its derivative by the overlap [N/m]."""
-
-    x: float
-    y: float
-    x_rate: float
-    y_rate: float
+Retained = namedtuple("Retained", "x y x_rate y_rate")
+"""Force [N] that a contact area keeps as it shrinks, and its derivative by the overlap [N/m]."""
 
 
 @kernel
 def limited(x_try, y_try, compliance, beyond, lost, limit):
-    """Spring returned to `limit` [N] from a trial force, and the fraction that is left of all its displacements.
-
-    `beyond` is X = U - T^2/(2 k), the energy of the field in excess of a uniform one of the same force: slip leaves it unchanged,
-    sliding at the limit reduces it. `lost`: the energy before the step less the uniform one of what the area keeps. Dissipated
-    are the energy of lost area, that reduction, and the work of the slip at the limit, so the balance is exact: U + (T'^2 -
-    T^2)/(2 k) + L slip = U' + dissipated.
-    """
+    """Spring returned to `limit` [N] from a trial force, and the fraction that is left of all its displacements. `beyond` is X =
+    U - T^2/(2 k), the energy of the field in excess of a uniform one of the same force: slip leaves it unchanged, sliding at the
+    limit reduces it. `lost`: the energy before the step less the uniform one of what the area keeps. So the balance is exact: U +
+    (T'^2 - T^2)/(2 k) + L slip = U' + dissipated."""
     size = math.sqrt(x_try * x_try + y_try * y_try)
     back = limit / max(size, max(limit, 1e-300))
     x, y = back * x_try, back * y_try
@@ -75,10 +59,8 @@ def limited(x_try, y_try, compliance, beyond, lost, limit):
 
 @kernel
 def stretched(slip_x, slip_y, memory, stiffness, limit, retained):
-    """Spring of this stiffness [N/m] after a slip [m], limited to `limit` [N], and its memory (T_x, T_y, U) before and after.
-
-    The contact area carries the fraction min(1, 2 k U/T^2) of force and energy.
-    """
+    """Spring of this stiffness [N/m] after a slip [m], limited to `limit` [N], and its memory (T_x, T_y, U) before and after. The
+    contact area carries the fraction min(1, 2 k U/T^2) of force and energy."""
     x_old, y_old, energy = memory
     square = max(x_old * x_old + y_old * y_old, 1e-150)
     firm = max(stiffness, 1e-150)
@@ -106,17 +88,14 @@ def remaining(memory, stiffness, stiffness_rate):
 
 @kernel
 def scaled(memory, f):
-    """The memory of `stretched` with all displacements scaled."""
     return f * memory[0], f * memory[1], f * f * memory[2]
 
 
 @kernel
 def renewed_spring(t, retained, energy, slip_x, slip_y, renewal, stiffness):
-    """The spring `t` of a step in which rolling renews a fraction of the field (`renewal.Renewal`), with its heat.
-
-    `retained`: what the area keeps without it (`Retained`). Renewal dissipates int (renewal rate) 2 U over the step: exact in a
-    spring that sticks and in one that slides in one direction throughout.
-    """
+    """The spring `t` of a step in which rolling renews a fraction of the field, with its heat: int (renewal rate) 2 U over the
+    step, exact in a spring that sticks and in one that slides in one direction throughout. `retained`: what the area keeps
+    without it."""
     x, y, firm = retained.x, retained.y, max(stiffness, 1e-150)
     left = 1.0 - renewal.retained * renewal.retained
     if t.slip > 0.0:
@@ -132,11 +111,9 @@ def renewed_spring(t, retained, energy, slip_x, slip_y, renewal, stiffness):
 
 @kernel
 def friction_tangent(x, y, limit, limit_rate, stiffness, x_rate, y_rate):
-    """dTx/dsx, dTx/dsy, dTy/dsx, dTy/dsy [N/m], dTx/dd, dTy/dd [N/m] of the trial force (x, y) limited to `limit`.
-
-    The trial force falls by `stiffness` per slip along either axis and changes by (x_rate, y_rate) per overlap, the limit by
-    `limit_rate`. Beyond the limit T = L t/|t|, so dT = dL t/|t| + (L/|t|)(1 - t t^T/|t|^2) dt (radial return).
-    """
+    """dTx/dsx, dTx/dsy, dTy/dsx, dTy/dsy [N/m], dTx/dd, dTy/dd [N/m] of the trial force (x, y) limited to `limit`, which falls by
+    `stiffness` per slip and changes by (x_rate, y_rate) per overlap. Beyond the limit T = L t/|t|, so dT = dL t/|t| + (L/|t|)(1 -
+    t t^T/|t|^2) dt (radial return)."""
     size = math.sqrt(x * x + y * y)
     if size <= limit:
         return -stiffness, 0.0, 0.0, -stiffness, x_rate, y_rate
@@ -148,25 +125,12 @@ def friction_tangent(x, y, limit, limit_rate, stiffness, x_rate, y_rate):
     return -stiffness * xx, -stiffness * xy, -stiffness * xy, -stiffness * yy, x_total, y_total
 
 
-class Ring(NamedTuple):
-    """Part of the contact area: width in stiffness [N/m], displacement [m] with the sign of its force on the owner."""
-
-    width: float
-    x: float
-    y: float
+Ring = namedtuple("Ring", "width x y")
+"""Part of the contact area: width in stiffness [N/m], displacement [m] with the sign of its force on the owner."""
 
 
-class Rings(NamedTuple):
-    """Rings of a contact area, from inside; force [N] and energy [J] of all; the ring that is cut at the edge of the area."""
-
-    inner: Ring
-    outer: Ring
-    open: Ring
-    x: float
-    y: float
-    energy: float
-    edge_x: float
-    edge_y: float
+Rings = namedtuple("Rings", "inner outer open x y energy edge_x edge_y")
+"""Rings of a contact area, from inside; force [N] and energy [J] of all; the ring that is cut at the edge of the area."""
 
 
 HISTORY = ("force_x", "force_y", "energy", "stiffness", "open", "outer", "outer_x", "outer_y", "inner", "inner_x", "inner_y")
@@ -235,13 +199,8 @@ def swung(slip_x, slip_y, memory, stiffness, limit, single):
     return t, (t.x, t.y, t.stored, now, width, outer.width, outer_x, outer_y, inner.width, inner_x, inner_y)
 
 
-class Memory(NamedTuple):
-    """A kind of memory: names of its floats; a step of the spring; what the area keeps; all displacements scaled."""
-
-    history: tuple[str, ...]
-    step: Callable
-    remaining: Callable
-    scaled: Callable
+Memory = namedtuple("Memory", "history step remaining scaled")
+"""A kind of memory: names of its floats; a step of the spring; what the area keeps; all displacements scaled."""
 
 
 def of_rings(size: int) -> Memory:

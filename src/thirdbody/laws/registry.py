@@ -55,33 +55,26 @@ class Registry:
 
     @property
     def families(self) -> dict[str, LawFamily]:
-        """Law families by name."""
         return {family.name: family for plugin in self.plugins for family in plugin.families}
 
     @property
     def effects(self) -> dict[str, Law | BodyEffect | SpotInteraction]:
-        """Effects by name."""
         return {effect.name: effect for plugin in self.plugins for effect in plugin.effects}
 
     @property
     def measures(self) -> dict[str, Measure]:
-        """Measures by name."""
         return {measure.name: measure for plugin in self.plugins for measure in plugin.measures}
 
     @property
     def laws(self) -> dict[str, Law]:
-        """Every contact law of all plug-ins, by name."""
         result = [law for family in self.families.values() for laws in family.levels.values() for law in laws]
         result += [effect for effect in self.effects.values() if isinstance(effect, Law)]
         return {law.name: law for law in result}
 
 
 def discover(files: Sequence[str | Path] = ()) -> Registry:
-    """Load all plug-ins: the built-in one, entry points of the group `thirdbody.plugins`, and the given files.
-
-    A broken installed plug-in is listed in `failures`; a broken file, which the user requested, raises UsageError, as do two
-    plug-ins that define the same name.
-    """
+    """Load the built-in plug-in, entry points of the group `thirdbody.plugins`, and the given files. A broken installed plug-in
+    is listed in `failures`; a broken file raises UsageError, as do two plug-ins that define the same name."""
     plugins, failures = [CATALOGUE], {}
     for point in sorted(entry_points(group=GROUP), key=lambda point: point.name):
         try:
@@ -112,7 +105,6 @@ def installed_interaction(name: str) -> SpotInteraction:
 
 
 def load_module(path: Path) -> ModuleType:
-    """Import the module of a plug-in file, once. Raises UsageError if it cannot be read or fails."""
     if not os.path.isfile(path):  # unlike Path.is_file, False for a name that is too long
         raise UsageError(f"plug-in {path}: no such file")
     digest = hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:8]

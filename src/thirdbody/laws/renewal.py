@@ -3,9 +3,9 @@
 Where a contact area moves over the surfaces, unloaded material enters at its leading edge, and loaded material leaves with the
 force at the trailing edge. A row of springs w(x), the mean of both sides of the area, has halves that move to either edge. So it
 is carried outward at a speed proportional to x: dw = -ds - (rate/a) d(x w)/dx dr, with the travel dr over fresh ground, the
-contact radius a and the slip ds; in a step, w(x) -> kept w(kept x) - fill ds. The force lost is rate w(a) dr, the force of the
-springs at the edge: for a field that vanishes there the loss is of second order in dr. A uniform field stays uniform and decays,
-dw = -ds - rate w dr/a, and steady rolling leads to one. A law with a single spring has that field only.
+contact radius a and the slip ds; in a step, w(x) -> retained w(retained x) - fill ds. The force lost is rate w(a) dr, the force
+of the springs at the edge: for a field that vanishes there the loss is of second order in dr. A uniform field stays uniform and
+decays, dw = -ds - rate w dr/a, and steady rolling leads to one. A law with a single spring has that field only.
 
 Limits of the mean of both sides: a uniform field in reality loses half of this at first, and in a contact area that grows or
 shrinks faster than it moves nothing is replaced, while the field here changes its shape, not its force, in first order of the
@@ -14,9 +14,8 @@ travel.
 Ground is fresh where the contact area has not been. A contact stores the offset of the contact area from the middle of the known
 ground, and its largest distance from there: only travel beyond counts, so a contact that sways by a nanometre stays on its ground
 after the first sway, and one that rolls on renews all. Assumption for a reversal: known ground extends one contact radius from
-its middle, which follows a contact area that rolls on. So after a long travel a contact area that reverses must travel back by
-its own diameter, from the point of reversal, before it renews again. Until then the loss is small in reality too, as the edge
-that is then trailing carries least. The offset is the mean of those over the two surfaces.
+its middle, which follows a contact area that rolls on. So a contact area that reverses must travel back by its own diameter
+before it renews again; the edge that is then trailing carries least. The offset is the mean of those over the two surfaces.
 
 Rate: steady rolling with the creep ds/dr = xi ends at T = 2 G* a^2 xi/rate. Kalker's linear theory of a circular contact has T =
 G a^2 C11 xi (Kalker, Three-dimensional elastic bodies in rolling contact, 1990), so rate = 2 (G*/G)/C11: 0.59 at nu = 0, 0.55 at
@@ -24,8 +23,8 @@ G a^2 C11 xi (Kalker, Three-dimensional elastic bodies in rolling contact, 1990)
 """
 
 import math
+from collections import namedtuple
 from dataclasses import replace
-from typing import NamedTuple
 
 from thirdbody.laws.contract import Option, Options, Pair, kernel
 from thirdbody.laws.hertz import g_star
@@ -74,13 +73,8 @@ def renewal_rate(pair: Pair, options: Options) -> float:
     return 2.0 * g_star(pair.a, pair.b) * compliance / (1.0 / softness)
 
 
-class Ground(NamedTuple):
-    """Travel over fresh ground in the step [m]; offset from the middle of known ground [m]; largest distance from it [m]."""
-
-    path: float
-    x: float
-    y: float
-    reach: float
+Ground = namedtuple("Ground", "path x y reach")
+"""Travel over fresh ground in the step [m]; offset from the middle of known ground [m]; largest distance from it [m]."""
 
 
 @kernel
@@ -108,16 +102,11 @@ def moved_ground(roll_x, roll_y, radius, x, y, reach):
     return Ground(max(size - reach, 0.0), back * x, back * y, min(max(reach, size), radius))
 
 
-class Renewal(NamedTuple):
-    """A step in which a fraction of a field is renewed: w = kept w_old - fill ds in a spring that sticks.
+class Renewal(namedtuple("Renewal", "retained fill mixed own")):
+    """A step in which a fraction of a field is renewed: w = retained w_old - fill ds in a spring that sticks.
 
-    A spring of unit stiffness then loses the energy (1 - kept^2) w_old^2/2 - mixed w_old . ds + own ds^2.
+    A spring of unit stiffness then loses the energy (1 - retained^2) w_old^2/2 - mixed w_old . ds + own ds^2.
     """
-
-    retained: float
-    fill: float
-    mixed: float
-    own: float
 
 
 @kernel

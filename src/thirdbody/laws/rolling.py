@@ -22,11 +22,8 @@ class RollingParameters(NamedTuple):
 
 @kernel
 def rolling_resistance(c, turn, load, p, h):
-    """Spring limited to mu_r R* N, k_r = 2.25 k_n (mu_r R*)^2 with k_n = 2 E* a, the normal stiffness of any circular contact.
-
-    As in `coulomb`, a falling stiffness releases its fraction of moment and energy: U = M^2/(2 k_r), and no closed path creates
-    energy. The spring yields at the angle N/(2.25 k_n mu_r R*), for a Hertz contact 0.296 d/(mu_r R*) at the overlap d.
-    """
+    """Spring limited to mu_r R* N, k_r = 2.25 k_n (mu_r R*)^2 with k_n = 2 E* a, the normal stiffness of any circular contact. As
+    in `coulomb`, a falling stiffness releases its fraction of moment and energy: U = M^2/(2 k_r)."""
     x_old, y_old, k_old = h
     arm = p.mu_r * c.radius
     limit = arm * load.force
@@ -63,15 +60,12 @@ def rolling_tangent(c, turn, load, p, h):
 
 
 ROLLING_RESISTANCE = Law(
-    name="rolling_resistance",
-    stage="rolling",
-    kernel=rolling_resistance,
-    tangent=rolling_tangent,
-    parameters=RollingParameters,
-    mix=lambda pair, options: RollingParameters(
+    "rolling_resistance", "rolling", rolling_resistance, RollingParameters,
+    lambda pair, options: RollingParameters(
         options["coefficient"], STIFFNESS * 2.0 * e_star(pair.a, pair.b), 2.0 * options["damping"] * math.sqrt(INERTIA),
     ),
-    history=("moment_x", "moment_y", "stiffness"),
+    "Ai, Chen, Rotter and Ooi 2011 (type C), Powder Technology 206, 269; stiffness: Iwashita and Oda 1998",
+    tangent=rolling_tangent, history=("moment_x", "moment_y", "stiffness"),
     options=(
         Option(
             "coefficient", "dimensionless", None, low=0.0, high=1.0, pair_key="rolling_friction",
@@ -82,5 +76,4 @@ ROLLING_RESISTANCE = Law(
             doc="viscous part of the spring's moment over critical damping of a ball that rolls on a plane",
         ),
     ),
-    source="Ai, Chen, Rotter and Ooi 2011 (type C), Powder Technology 206, 269; stiffness: Iwashita and Oda 1998",
 )  # fmt: skip

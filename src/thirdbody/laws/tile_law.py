@@ -89,14 +89,11 @@ def contacts_of(I, q, roll_x, roll_y, moved):
 
 @njit(**BARE)
 def touch_fraction(c, ahead, U, q):
-    """Fraction that a step applies of a force that jumps at touch; `ahead`: overlap gained in the next step, if known [m].
-
-    Such a force acts for a part of the step only. Without notice of that its work is off by the force times up to half the path
-    of the step: a ball that leaves with 1.01 of its energy. Velocity Verlet applies a force on half of the step before it and on
-    half of the one after. Where bodies came into touch within the step before, it is the part overlap/moved of that one instead;
-    where they will leave within the next one, overlap/-ahead of that. An implicit step applies its last force to all of it, and
-    cannot look ahead: overlap/moved where bodies come into touch.
-    """
+    """Fraction that a step applies of a force that jumps at touch; `ahead`: overlap gained in the next step, if known [m]. Else
+    its work is off by the force times up to half the path of the step: a ball that leaves with 1.01 of its energy. Velocity
+    Verlet applies a force on half of the step before it and on half of the one after. Where bodies came into touch within the
+    step before, it is the part overlap/moved of that one instead; where they will leave within the next one, overlap/-ahead of
+    that. An implicit step applies its last force to all of it, and cannot look ahead."""
     overlap, moved, integrator = c.overlap, c.moved, U[q + INTEGRATOR]
     before, after = overlap / max(moved, 1e-300), overlap / max(-ahead, 1e-300)
     explicit = (before if overlap < moved else 0.5) + (after if overlap < -ahead else 0.5)
@@ -249,10 +246,8 @@ def law(I, O, n_contacts, pairs):
 
 @njit(**OPTIONS)
 def stiffness(I, O, n_contacts, pairs):
-    """Compute what bounds the time step: k_n, k_t, k_r, c_n, c_t, c_r, and with a twisting law its k and c.
-
-    Stiffness of virgin contacts that close without slip; coefficients of the dashpots: the tile holds an approach at 1 m/s.
-    """
+    """Compute what bounds the time step, of virgin contacts that close without slip: k_n, k_t, k_r, c_n, c_t, c_r, and with a
+    twisting law its k and c. The tile holds an approach at 1 m/s."""
     U = stack_array(PARAMETERS)
     broadcast_parameters(I, n_contacts, pairs, WIDTH, U)
     for q in range(n_contacts):
@@ -321,10 +316,8 @@ def pressing(c, far, n, k_n, rate, U, q):
 
 @njit(**OPTIONS)
 def tangents(I, K, n_contacts, pairs):
-    """Compute the tangents with memory for the implicit integrator (`contact_tangent`).
-
-    Dashpots count with one over the step, since a step that closes a contact by dd changes its speed by dd/dt.
-    """
+    """Compute the tangents with memory (`contact_tangent`). Dashpots count with one over the step, since a step that closes a
+    contact by dd changes its speed by dd/dt."""
     U = stack_array(PARAMETERS)
     broadcast_parameters(I, n_contacts, pairs, WIDTH, U)
     for q in range(n_contacts):
@@ -373,5 +366,4 @@ def tangents(I, K, n_contacts, pairs):
 
 @njit(**BARE)
 def write_six(K, at, t):
-    """Write a tangent of two components."""
     K[at], K[at + TILE], K[at + 2 * TILE], K[at + 3 * TILE], K[at + 4 * TILE], K[at + 5 * TILE] = t

@@ -96,11 +96,9 @@ class Contacts:
         return self._call(self.tangents, TANGENTS, overlap, slip, memory)
 
     def stiffness_ratio(self, before: Array, overlap: Array, slip: Array, memory: Array, answer: Answer) -> Array:
-        """Return the relative tangential stiffness (n,) along the force: 1 sticks, 0 slides.
-
-        It is relative to a contact that never slipped. Both are for a step from the overlap `before`: the annulus that closes
-        within the step sees only a part of the slip.
-        """
+        """Return the relative tangential stiffness (n,) along the force: 1 sticks, 0 slides. It is relative to a contact that
+        never slipped. Both are for a step from the overlap `before`: the annulus that closes within the step sees only a part of
+        the slip."""
         still = np.zeros_like(slip)
         unslipped = self.evaluate(np.maximum(before, 0.0), still, self.virgin()).memory
         now, whole = self.stiffness(overlap, slip, memory), self.stiffness(overlap, still, unslipped)

@@ -141,11 +141,8 @@ class QuasiStatic:
         return overlap if self.bending is None else self.bending.relieved(overlap)
 
     def move(self, plate: Sequence[float]) -> Balance:
-        """Move the upper plate straight to `plate` and return the equilibrium there.
-
-        `plate`: closing [m] (or load [N]) and drag x, y [m]. A step without solution is halved; raises NoStaticState, with the
-        last equilibrium unchanged, if that fails.
-        """
+        """Move the upper plate straight to `plate` and return the equilibrium there. `plate`: closing [m] (or load [N]) and drag
+        x, y [m]. A step without solution is halved; raises NoStaticState, with the last equilibrium unchanged, if that fails."""
         target = np.asarray(plate, float)
         start = np.zeros(3) if self.now is None else self.now.plate
         done, size, cuts = 0.0, 1.0, 0
@@ -324,11 +321,9 @@ class QuasiStatic:
         return None
 
     def _nearest(self, trial: Trial, vector: Array, plate: Array) -> Trial:
-        """Return the equilibrium nearest to the last point.
-
-        Where both sides slide, there is a continuous row of equilibria along `vector`. The particle then stays where it is when
-        sliding begins; with any weight it does so without this rule, since its lower spots carry a higher friction force.
-        """
+        """Return the equilibrium nearest to the last point. Where both sides slide, there is a continuous row of equilibria along
+        `vector`. The particle then stays where it is when sliding begins; with any weight it does so without this rule, since its
+        lower spots carry a higher friction force."""
         if self.now is None:
             return trial
         back = float(vector @ (trial.y - self.now.coordinates)) * vector

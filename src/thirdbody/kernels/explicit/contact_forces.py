@@ -1,9 +1,8 @@
 """The contact pass: candidates -> overlaps -> tiles of the laws -> forces on bodies, group by group.
 
-A group is a fixed range of bodies, whatever the number of threads, with the candidates that its spheres own. It writes only to
-its own candidates, forces on its bodies (`body_force`) and row of `sums`; its contacts' forces on bodies of other groups
-go to F, and those groups add them in a fixed order. So the result has the same bits for any number of threads. Mispredicted
-branches cost more than all arithmetic, so overlaps are computed for all candidates first, and active ones are listed without one.
+A group is a fixed range of bodies with the candidates that its spheres own. It writes only to its own candidates, forces on its
+bodies and row of `sums`; forces on bodies of other groups go to F, and those groups add them in a fixed order: the same bits for
+any number of threads. Mispredicted branches cost more than all arithmetic, so active candidates are listed without one.
 
 The row of a body gets the forces of `body_force`, rows that stay in the cache, at the end, when its velocities predicted for the
 end of the step are no longer needed. `Context.force_rows`: the row of a body there, less its number, by group.
@@ -19,8 +18,8 @@ from thirdbody.kernels import close_spots, contact_geometry, plates, rolling_kin
 from thirdbody.kernels.arguments import Tile
 from thirdbody.kernels.bodies import WITH_PLATE, arm_to_sphere, is_aliased
 from thirdbody.kernels.books import add_normal_losses, book, book_dashpots, book_opened, book_opened_dashpots, separation_rate
-from thirdbody.kernels.contact_geometry import SPARE, compact_active, compact_rough, pair_overlaps, plate_overlaps
-from thirdbody.kernels.measures import measure_opened, measure_tile
+from thirdbody.kernels.contact_geometry import SPARE, compact_active, compact_rough, pair_overlaps
+from thirdbody.kernels.measures import measure_contact, measure_opened
 from thirdbody.kernels.memory import reset_history, store_history
 from thirdbody.kernels.minima import update_surfaces
 from thirdbody.kernels.plates import is_lower, is_plate, is_sphere, partner_velocity, surface_velocity
@@ -38,8 +37,7 @@ BODY_FRACTION = 0.5  # fraction of the friction work between two bodies that eac
 
 
 def scratch_sizes(n_history, longest, interaction=False):
-    """Return the scratch of a thread for at most `longest` candidates: numbers of floats and integers. Whole cache lines: loading
-    a vector of eight that straddles two lines costs twice the time."""
+    """Return the floats and integers of scratch for `longest` candidates. A vector that straddles two cache lines costs twice."""
     fields = law_input.HISTORY + law_output.HISTORY + 2 * n_history + rolling_input.WIDTH + rolling_output.WIDTH + geometry.WIDTH
     whole = longest + -longest % simd.LINE
     return fields * TILE + (close_spots.scratch_of(whole) if interaction else whole), 2 * (longest + SPARE)
@@ -54,7 +52,6 @@ def add_force(row, forces, force, torque):
 
 @njit(**BARE)
 def scatter_plate_force(k, c, context, force, torque):
-    """Apply a contact with a plate to its body; `torque`: about the centre of the sphere [N m]."""
     i, sums, shift = np.uint64(context.own[k]), context.sums, np.int64(context.force_rows[c >> 1])
     b = np.uint64(context.body[i])
     add_force(b + np.uint64(shift), context.forces, force, torque + cross(arm_to_sphere(i, context.S), force))
@@ -66,8 +63,7 @@ def scatter_plate_force(k, c, context, force, torque):
 
 @njit(**BARE)
 def scatter_pair_force(k, shift, context, force, torque, back):
-    """Apply a contact between spheres to both bodies; the force on a body of another group goes to F. `torque`, `back`: about the
-    centres of owner and partner [N m]."""
+    """Apply a contact between spheres to both bodies, in another group by F. `torque`, `back`: about the two centres [N m]."""
     i, j, S, B, F = np.uint64(context.own[k]), np.uint64(context.partner[k]), context.S, context.B, context.F
     against = with_last(broadcast(0.0) - force, force)
     b, p = i, j
@@ -85,13 +81,11 @@ def scatter_pair_force(k, shift, context, force, torque, back):
 
 @njit(**BARE)
 def four_rows(at, G, last):
-    """Return three fields of four contacts as four rows, each followed by its element of `last`."""
     return transpose(get(G, at), get(G, at + TILE), get(G, at + 2 * TILE), last)
 
 
 @njit(**BARE_CHUNK)
 def scatter_plate_tile(n, c, slots, context, tile):
-    """Apply the contacts with plates slots[:n] to their bodies; add their forces to row c of the sums."""
     O, G = tile.outputs, tile.geometry  # noqa: E741
     for q in range(0, n, 4):
         work, slip = get(O, q + law_output.DISSIPATED * TILE), get(O, q + law_output.SLIP * TILE)
@@ -107,7 +101,6 @@ def scatter_plate_tile(n, c, slots, context, tile):
 
 @njit(**BARE_CHUNK)
 def scatter_pair_tile(n, c, slots, context, tile):
-    """Apply the contacts between spheres slots[:n], of the row c of the sums, to their bodies."""
     O, G, shift = tile.outputs, tile.geometry, np.uint64(np.int64(context.force_rows[c >> 1]))  # noqa: E741
     for q in range(0, n, 4):
         work, slip = broadcast(BODY_FRACTION) * get(O, q + law_output.DISSIPATED * TILE), get(O, q + law_output.SLIP * TILE)
@@ -124,8 +117,8 @@ def scatter_pair_tile(n, c, slots, context, tile):
 
 @njit(**BARE)
 def reduce_tile(m, slots, tile, sums_of_tile):
-    """Add a tile of m contacts, slots[:m], to the reductions of a group: dissipation of friction and of dashpots, in four lanes;
-    largest overlap over the smaller radius, with its candidate; last candidate whose force is not finite (+ 1; 0: none)."""
+    """Add m contacts to the sums of a group: dissipation of friction and of dashpots, in four lanes; largest overlap over the
+    smaller radius, with its candidate; last candidate whose force is not finite (+ 1; 0: none)."""
     I, O, G = tile.inputs, tile.outputs, tile.geometry  # noqa: E741
     work, damped, max_overlap, slot, bad = sums_of_tile
     for q in range(m, m + -m % LANES):  # the padding must not affect the reductions
@@ -154,7 +147,6 @@ def reduce_tile(m, slots, tile, sums_of_tile):
 
 @njit(**BARE_CHUNK)
 def write_record(q, k, context, motion, tile):
-    """Write all quantities of a contact that output and labels need, as the step computed them."""
     I, O, G, R, S = tile.inputs, tile.outputs, tile.geometry, context.R, context.S  # noqa: E741
     i, j, alone = context.own[k], context.partner[k], is_aliased(context.S)
     a_i, a_j = G[q + geometry.ARM * TILE], G[q + geometry.PARTNER_ARM * TILE]
@@ -190,13 +182,11 @@ def write_record(q, k, context, motion, tile):
 
 @njit(**BARE_CHUNK)
 def gather_tile(n, slots, flat, context, motion, box, tile):
-    """Gather contacts slots[:n] into a tile: geometry, slip, velocities, rotation, history. `flat`: all are with plates."""
     if flat:
         for q in range(n):
             contact_geometry.gather_plate_contact(q, slots[q], context, motion, tile)
     else:
-        contact_geometry.gather_pair_contacts(n, slots, context, tile)
-        contact_geometry.pair_geometry(n, motion.dt, box, tile)
+        contact_geometry.gather_pair_contacts(n, slots, motion.dt, box, context, tile)
     contact_geometry.transport_frames(n, motion.dt, tile)
     contact_geometry.slip_increment(n, motion.dt, tile)
     if context.rolling > 0:
@@ -238,7 +228,6 @@ def end_contacts(o, c, opened, flat, context, step, box, tile):
 
 @njit(**BARE)
 def evaluate_laws(n, slots, flat, context, step, law, box, tile):
-    """Gather contacts slots[:n] into a tile, evaluate the laws, and compute energies, forces and torques."""
     I, behind, interacting = tile.inputs, law_input.HISTORY + context.n_history, flat and close_spots.interact(context)  # noqa: E741
     gather_tile(n, slots, flat, context, step, box, tile)
     if context.jumps != 0:  # the overlap that the contacts gained in the step, and one over its length
@@ -268,7 +257,6 @@ def evaluate_laws(n, slots, flat, context, step, law, box, tile):
 
 @njit(**BARE)
 def apply_tile(n, c, slots, flat, context, step, tile):
-    """Apply the contacts slots[:n] to their bodies, store their history, and record them where output needs it."""
     O, sums = tile.outputs, context.sums  # noqa: E741
     if flat:
         scatter_plate_tile(n, c, slots, context, tile)
@@ -277,8 +265,8 @@ def apply_tile(n, c, slots, flat, context, step, tile):
     if context.loss_column >= 0:
         add_normal_losses(n, slots, context, tile)
     store_history(n, slots, context, tile)
-    if context.measured > 0:
-        measure_tile(n, slots, step.dt, context, tile)
+    for q in range(n if context.measured > 0 else 0):
+        measure_contact(q, slots[q], step.dt, context, tile)
     if step.record:
         for q in range(n):
             sums[c, contact_sums.STORED_NORMAL] += O[q + law_output.STORED_NORMAL * TILE]
@@ -289,8 +277,7 @@ def apply_tile(n, c, slots, flat, context, step, tile):
 
 @njit(**BARE_CHUNK)
 def contact_forces(group, side, part, context, step, law):
-    """Apply the candidates of a group, with plates (`side` WITH_PLATE) or between spheres, to their bodies, in tiles. Sums go to
-    row 2 `group` + `side`. `part`: row of the scratch tables."""
+    """Apply the candidates of a group, with plates (`side` WITH_PLATE) or between spheres; `part`: row of scratch."""
     c, flat, box, cuts, sums = 2 * group + side, side == WITH_PLATE, box_of(context.D), context.cuts, context.sums
     first, last = cuts[side, group * GROUP], cuts[side, min((group + 1) * GROUP, cuts.shape[1] - 1)]
     numbers, marks = context.scratch[part], context.marks[part]
@@ -304,7 +291,8 @@ def contact_forces(group, side, part, context, step, law):
         m, o = compact_rough(first, last, context, box.reach, slots, opened)
     else:
         if flat:
-            plate_overlaps(first, last, context, box, gaps)
+            for k in range(first, last):
+                gaps[k - first] = plates.plane_overlap(k, context) + box.reach
         else:
             pair_overlaps(first, last, context, box, gaps)
         m, o = compact_active(first, last, gaps, context.closed, slots, opened)
@@ -312,14 +300,19 @@ def contact_forces(group, side, part, context, step, law):
     store(sums, c, contact_sums.UPPER_FORCE, broadcast(0.0))
     store(sums, c, contact_sums.LOWER_FORCE, broadcast(0.0))
     lost, damped = end_contacts(o, c, opened, flat, context, step, box, tile)
-    spots, sums_of_tile = close_spots.spots_in(gaps), (broadcast(0.0), broadcast(0.0), 0.0, np.int64(0), np.int64(0))
+    sums_of_tile = broadcast(0.0), broadcast(0.0), 0.0, np.int64(0), np.int64(0)
+    # the overlaps no longer need their scratch
+    n = (gaps.shape[0] - close_spots.lane.WIDTH * close_spots.LANES) // (close_spots.FIELDS + close_spots.spot.WIDTH)
+    spots = close_spots.Spots(gaps[:n], gaps[n : 2 * n], gaps[2 * n : 3 * n], gaps[3 * n : 4 * n], gaps[4 * n :])
     if flat and close_spots.interact(context):
         close_spots.solve_bodies(m, slots, context, spots)
     for t in range(0, m, TILE):
         count, here = min(TILE, m - t), slots[t:]
         filled = contact_geometry.padded(count, context.n_history)  # with the last contact
-        if flat and close_spots.interact(context):
-            close_spots.place_spots(t, count, filled, spots, tile.geometry)
+        for q in range(filled if flat and close_spots.interact(context) else 0):
+            e, G = t + min(q, count - 1), tile.geometry
+            G[q + geometry.RELIEF * TILE], G[q + geometry.SPOT_FORCE * TILE] = spots.relief[e], spots.force[e]
+            G[q + geometry.PULL * TILE], G[q + (geometry.PULL + 1) * TILE] = spots.pull_x[e], spots.pull_y[e]
         evaluate_laws(filled, here, flat, context, step, law, box, tile)
         sums_of_tile = reduce_tile(count, here, tile, sums_of_tile)
         apply_tile(count, c, here, flat, context, step, tile)

@@ -17,8 +17,8 @@ from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS, entry
 from thirdbody.jit.simd import broadcast, load, set4, store
 from thirdbody.kernels import plates
 from thirdbody.kernels.arguments import KINDS, LAW
-from thirdbody.kernels.bodies import arm_to_sphere
-from thirdbody.kernels.contact_geometry import overlap_and_normal
+from thirdbody.kernels.bodies import arm_to_sphere, vector
+from thirdbody.kernels.contact_geometry import pair_overlap
 from thirdbody.kernels.explicit import stiffness_matrix
 from thirdbody.kernels.plates import is_sphere, is_upper, max_stiffness, patch_of_partner
 from thirdbody.kernels.step_tables import contact_stiffness
@@ -36,13 +36,8 @@ Assembly = namedtuple("Assembly", ("n_plates", *FIELDS))  # type: ignore[misc]
 `arguments.Context`. Usable as a context of `contact_geometry`."""
 
 
-class Horizon(NamedTuple):
-    """How deep contacts can get before the bound is computed again."""
-
-    time: float  # time until then [s]
-    limit: float  # largest new depth over the radius
-    v_x: float  # velocity of the upper plate along x [m/s]
-    v_y: float  # the same along y
+Horizon = namedtuple("Horizon", "time limit v_x v_y")
+"""Time until the bound is computed again [s], largest new depth until then over the radius, velocity of the upper plate [m/s]."""
 
 
 class Tables(NamedTuple):
@@ -60,19 +55,14 @@ class Tables(NamedTuple):
     matrices: Array  # scratch: stiffness and damping of a body, and their squares
 
 
-class Scratch(NamedTuple):
-    """Scratch of a piece."""
-
-    inputs: Array  # of the law's stiffness: a tile of `law_input`
-    outputs: Array  # k_n, k_t, k_r, c_n, c_t, c_r of a tile, then k_w and c_w about the normal; zero without a twisting law
-    near: Array  # list of candidates
+Scratch = namedtuple("Scratch", "inputs outputs near")
+"""Of a piece: a tile of `law_input`; k_n, k_t, k_r, c_n, c_t, c_r of a tile, then k_w and c_w about the normal; candidates."""
 
 
 @njit(**BARE)
 def stable_step(square, rate):
-    """Return the longest stable step of oscillators x'' + rate x' + square x = 0 [s]; infinite without both. Velocity Verlet with
-    the velocity of the dashpot predicted from the force before: -1 is an eigenvalue of its amplification where (omega dt)^2/4 +
-    rate dt = 1."""
+    """Return the longest stable step of x'' + rate x' + square x = 0 [s]. Velocity Verlet with the velocity of the dashpot
+    predicted from the force before: -1 is an eigenvalue of its amplification where (omega dt)^2/4 + rate dt = 1."""
     return 2.0 / (rate + math.sqrt(rate * rate + square))
 
 
@@ -99,15 +89,17 @@ def approach(i, j, normal, context, horizon):
 
 @njit(**BARE)
 def find_contacts(n, first, context, horizon, stiffness, scratch, tables):
-    """Fill rows from `first` on for those of the first n candidates in `scratch.near` that are within reach or will be within
-    the horizon, and add them to the stiffness of the patches."""
+    """Fill rows from `first` on for the n candidates in `scratch.near` that are or will be within reach; load the patches."""
     S, P, inputs, outputs, box = context.S, context.P, scratch.inputs, scratch.outputs, box_of(context.D)
     stiffnesses, patches, m = tables.stiffnesses, tables.patches, np.int64(0)
     for e in range(n):
         k = scratch.near[e]
-        overlap, n_x, n_y, n_z = overlap_and_normal(k, context, box)
         i, j = context.own[k], context.partner[k]
-        deeper = approach(i, j, (n_x, n_y, n_z), context, horizon)
+        if is_sphere(j):
+            overlap, normal = pair_overlap(k, context, box)
+        else:
+            overlap, normal = plates.overlap(k, context), plates.normal(k, context)
+        deeper = approach(i, j, normal, context, horizon)
         overlap = max(overlap, min(overlap + deeper, horizon.limit * S[i, sphere.RADIUS]))
         if overlap > -box.reach:
             radius, mass, count, pressed = S[i, sphere.RADIUS], S[i, sphere.MASS], 1.0, -1.0
@@ -125,7 +117,7 @@ def find_contacts(n, first, context, horizon, stiffness, scratch, tables):
             inputs[m + law_input.PAIR_TYPE * TILE], inputs[m + law_input.NORMAL_VELOCITY * TILE] = context.kind[k], -1.0
             r = first + m
             tables.row_of[k] = r
-            store(stiffnesses, r, np.int64(contact_stiffness.NORMAL), set4(n_x, n_y, n_z, 0.0))
+            store(stiffnesses, r, np.int64(contact_stiffness.NORMAL), vector(normal))
             stiffnesses[r, contact_stiffness.COUNT], stiffnesses[r, contact_stiffness.PATCH] = count, pressed
             m += 1
         if m == TILE or (e == n - 1 and m > 0):
@@ -146,7 +138,6 @@ def find_contacts(n, first, context, horizon, stiffness, scratch, tables):
 
 @njit(**BARE_CHUNK)
 def assemble(b, context, near, tables):
-    """Return the sums of stiffness and damping over the contacts of body b (`stiffness_matrix.add_stiffness`)."""
     own, partner, edges, incidence, S = context.own, context.partner, context.edges, context.incidence, context.S
     row_of, stiffnesses = tables.row_of, tables.stiffnesses
     z, m = broadcast(0.0), np.int64(0)
@@ -166,8 +157,8 @@ def assemble(b, context, near, tables):
 
 @njit(**BARE_CHUNK)
 def candidate_bound(b, sums, context, m, tables, shortest):
-    """Write row m of the bounds of bodies for body b if it may have one of the `shortest` steps. These are by frequency alone and
-    with damping [s]. Returns the number of rows then, and the shortest steps."""
+    """Write row m of the bounds for body b if it may have one of the `shortest` steps, by frequency alone and with damping [s].
+    Returns the number of rows then, and the shortest steps."""
     by_frequency, by_both = shortest
     number, bodies, matrices = tables.number, tables.bodies, tables.matrices
     X, mass = stiffness_matrix.frame(b, context.E, context.orientations), context.B[b, body.MASS]
@@ -195,9 +186,8 @@ SCRATCH, HORIZON = types.NamedTuple((_F1, _F1, _S1), Scratch), types.NamedUniTup
 
 @entry(types.void(_I, _I, ASSEMBLY, HORIZON, _I, SCRATCH, TABLES), nogil=True, **DIRECT, **NO_COUNTS)
 def find_stiffnesses(first, last, context, horizon, stiffness, scratch, tables):
-    """Fill the rows of candidates first to last - 1, and add those with the upper plate to its patches. Contacts are assumed as
-    deep as they can get within the `horizon`. `stiffness`: address of the compiled function. A contact between two bodies that
-    both move counts twice in each (|J1 x1 - J2 x2|^2 <= 2 |J1 x1|^2 + 2 |J2 x2|^2)."""
+    """Fill the rows of candidates first to last - 1, as deep as they can get within the `horizon`. A contact between two bodies
+    that both move counts twice in each (|J1 x1 - J2 x2|^2 <= 2 |J1 x1|^2 + 2 |J2 x2|^2)."""
     own, partner, S, near, row_of = context.own, context.partner, context.S, scratch.near, tables.row_of
     m, box = np.int64(0), box_of(context.D)
     for k in range(first, min(last, context.n_plates)):
@@ -215,7 +205,6 @@ def find_stiffnesses(first, last, context, horizon, stiffness, scratch, tables):
 
 @entry(types.void(_I, _I, ASSEMBLY, _S1, TABLES), nogil=True, **DIRECT, **NO_COUNTS)
 def bound_bodies(first, last, context, near, tables):
-    """Write lower bounds of the steps of bodies first to last - 1 into `tables.minimum`. `near`: scratch."""
     B, E, minimum = context.B, context.E, tables.minimum
     for b in range(first, last):
         K, C = assemble(b, context, near, tables)
@@ -237,9 +226,8 @@ def smallest(minimum, column):
 
 @entry(_I(_I, ASSEMBLY, types.float64, _S1, TABLES), **DIRECT, **NO_COUNTS)
 def shortest_steps(many, context, time, near, tables):
-    """Compute lower bounds of the longest stable steps of patches, with springs and direct contact, and of those of the first
-    `many` bodies that may have the shortest. Returns how many bodies these are, at least 1. `time`: horizon [s]; `near`:
-    scratch."""
+    """Bound the steps of patches, with springs and direct contact, and of the first `many` bodies that may have the shortest;
+    return how many bodies these are, at least 1. `time`: horizon [s]; `near`: scratch."""
     P, patches, minimum, number, bodies = context.P, tables.patches, tables.minimum, tables.number, tables.bodies
     plate = P.shape[0] - 1
     for p in range(plate):
@@ -261,15 +249,3 @@ def shortest_steps(many, context, time, near, tables):
             if t > 1:  # the first two are visited again in their order
                 m = result
     return max(m, 1)
-
-
-def make_tables(n_bodies, n_candidates, n_patches):
-    """Return the tables of all pieces; each allocation in a kernel would cost 0.1 s of compilation."""
-    return Tables(
-        np.empty((n_candidates, contact_stiffness.WIDTH)), np.empty(n_candidates, np.int32), np.empty((n_bodies, 2)),
-        np.zeros((n_patches, 4)), np.empty(n_bodies, np.int64), np.empty((n_bodies, 4)), np.empty((4, 6, 8)),
-    )  # fmt: skip
-
-
-def make_scratch(longest):
-    return Scratch(np.zeros((law_input.HISTORY + 1) * TILE), np.zeros(8 * TILE), np.empty(longest + 1, np.int32))

@@ -17,8 +17,8 @@ from thirdbody.jit.arguments import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, POINTED, entry
 from thirdbody.jit.simd import broadcast, broadcast_lane, extract, load, set4, store, with_last
 from thirdbody.kernels import arguments, bodies
-from thirdbody.kernels.arguments import EARLY, LATE, OBSERVATION, SWEEP, WORK, as_observed, context_of
-from thirdbody.kernels.bodies import BODIES, REMOTE, WITH_PLATE, WITH_SPHERE, is_aliased, reset_plate_forces, spin_body, vector
+from thirdbody.kernels.arguments import EARLY, LATE, OBSERVATION, RUN_GROUPS, SWEEP, as_observed, context_of
+from thirdbody.kernels.bodies import BODIES, REMOTE, WITH_PLATE, WITH_SPHERE, is_aliased, spin_body, vector
 from thirdbody.kernels.explicit.contact_forces import GROUP, add_force, contact_forces
 from thirdbody.kernels.plates import is_rough
 from thirdbody.kernels.step_tables import body_force, chunk_motion, drift_scratch
@@ -28,10 +28,10 @@ from thirdbody.kernels.vectors import free_rotation, matrix, spin, total
 
 @njit(**BARE)
 def drift_ball(b, s, context, step, extrema):
-    """Apply half kick and full drift to body b, the single sphere s; return the updated extrema of a chunk. `extrema`: squares of
-    the largest speed and of half the largest ratio of path to radius; sums that are not 0 if a coordinate is not finite; lower
-    and upper bounds of the positions. The last step's closing kick comes first if it is pending. The column that follows each
-    vector is preserved. A single-sphere body has no arm, and is rotated in few steps only (`kernels.bodies`)."""
+    """Apply half kick and full drift to body b, the single sphere s, after the last step's closing kick if that is pending;
+    return the updated extrema of a chunk: squares of the largest speed and of half the largest ratio of path to radius; sums that
+    are not 0 if a coordinate is not finite; lower and upper bounds of the positions. The column after each vector is
+    preserved."""
     S, B, dt = context.S, context.B, step.dt
     x = load(B, b, body.POSITION)
     v = load(B, b, body.VELOCITY)
@@ -87,7 +87,6 @@ def check_sphere_limits(c, start, S, B, D, limits, dt, extrema):
 
 @njit(**BARE)
 def three(scratch, at):
-    """Return three fields of an element, from `at` on: a sum, since a literal would be compiled once more."""
     return scratch[at], scratch[at + BODIES], scratch[at + 2 * BODIES]
 
 
@@ -98,8 +97,7 @@ def put_three(scratch, at, x, y, z):
 
 @njit(**BARE)
 def half_kick(v, left, change, minimum):
-    """Apply the pending closing kick of the last step (`left` 1, else 0) and the first of this step, of equal change. In between,
-    what is at most `minimum` becomes 0; NaN is passed on."""
+    """Apply the pending closing kick (`left` 1, else 0) and the next one; in between, what is at most `minimum` becomes 0."""
     x, y, z = v[0] + left * change[0], v[1] + left * change[1], v[2] + left * change[2]
     x, y, z = 0.0 if abs(x) <= minimum else x, 0.0 if abs(y) <= minimum else y, 0.0 if abs(z) <= minimum else z
     return x + change[0], y + change[1], z + change[2]
@@ -107,8 +105,7 @@ def half_kick(v, left, change, minimum):
 
 @njit(**BARE_CHUNK)
 def drift_tile(n, dt, left, scratch):
-    """Apply half kick and full drift to n bodies, after the last step's closing kick if pending (`left` 1). Also writes the
-    longest path of a point of each body. It has no inner loop: the compiler vectorises innermost loops only."""
+    """Apply half kick and full drift to n bodies, and write their longest paths. Loops with an inner one are not vectorised."""
     half = 0.5 * dt
     for p in range(n):
         kick = half / scratch[p + body.MASS * BODIES]
@@ -147,7 +144,6 @@ def drift_tile(n, dt, left, scratch):
 
 @njit(**BARE)
 def gather_columns(at, k, b, B, scratch):
-    """Copy columns k to k + 3 of four bodies into the elements from `at` on."""
     fields = simd.transpose(load(B, b[0], k), load(B, b[1], k), load(B, b[2], k), load(B, b[3], k))
     simd.put(scratch, at, fields[0])
     simd.put(scratch, at + BODIES, fields[1])
@@ -157,8 +153,7 @@ def gather_columns(at, k, b, B, scratch):
 
 @njit(**BARE)
 def scatter_body(p, b, context, step, scratch):
-    """Copy the motion of body b back from element p of the chunk, and place its spheres: those that can touch something (`near`),
-    in recorded steps all."""
+    """Copy the motion of body b back from element p, and place its spheres: those that are `near`, in recorded steps all."""
     B, E, everything, rotation = context.B, context.E, step.record, p + drift_scratch.MATRIX * BODIES
     position, velocity = p + body.POSITION * BODIES, p + body.VELOCITY * BODIES
     for k in range(3):
@@ -182,7 +177,6 @@ def scatter_body(p, b, context, step, scratch):
 
 @njit(**BARE_CHUNK)
 def drift_bodies(c, context, step, scratch, listed):
-    """Drift the bodies of chunk c and place their spheres (`scatter_body`). `listed`: numbers of those with several."""
     start, S, B, D, moves = context.start, context.S, context.B, context.D, context.moves
     longest, ratio, number, bad, out = 0.0, 0.0, np.int64(0), np.int64(0), np.int64(0)
     balls = 0.0, 0.0, broadcast(0.0), broadcast(np.inf), broadcast(-np.inf)
@@ -255,7 +249,6 @@ def closing_kick(first, last, context, dt):
 
 @njit(**BARE_CHUNK)
 def body_effect_forces(c, first, last, context, step, effects):
-    """Apply body effects to bodies first to last of chunk c; effects see velocities at the end of the step."""
     B, E, moves = context.B, context.E, context.moves
     effects(B, E, first, last, step.time, step.dt, context.effect_parameters)
     for b in range(first, last):
@@ -271,9 +264,8 @@ def body_effect_forces(c, first, last, context, step, effects):
 
 @njit(**BARE_CHUNK)
 def gather_forces(c, context, step, effects):
-    """Sum the forces on the bodies of chunk c, and make their closing half kick if velocities are needed now. Remote forces are
-    added in their order, and their rows of F are cleared for the next contacts. Kick and spins are computed only in recorded
-    steps or with body effects: otherwise the drift of the next step includes the kick, with the forces at hand."""
+    """Sum the forces on the bodies of chunk c, remote ones in their order, and clear the rows of these for the next contacts.
+    Kick and spins are computed only in recorded steps or with body effects: else the drift of the next step includes the kick."""
     B, E, F, forces, cuts, remote_body = context.B, context.E, context.F, context.forces, context.cuts, context.remote_body
     first, last, shift = c * BODIES, min((c + 1) * BODIES, B.shape[0]), np.int64(context.force_rows[c // GROUP])
     begin, end, has_effects, none = cuts[REMOTE, c], cuts[REMOTE, c + 1], context.has_effects != 0, broadcast(0.0)
@@ -299,8 +291,8 @@ def gather_forces(c, context, step, effects):
 
 @njit(**BARE)
 def drift_groups(task, group, alone, part, context, step):
-    """Drift the bodies that this pass of a group needs, unless they have been drifted in this step: with the sweep also those of
-    other groups that its contacts need (`needs`). `alone`: only contacts of this part act on bodies of this group."""
+    """Drift the bodies that this pass of a group needs, if not done in this step: with the sweep also those that its contacts
+    need (`needs`). `alone`: only contacts of this part act on bodies of this group."""
     needs, moved, cuts, E = context.needs, context.moved, context.cuts, context.E
     requested = needs[group + 1] if task == SWEEP else needs[group] if task == EARLY and not alone else needs[group] - 1
     for e in range(needs[group] - 1, requested):
@@ -313,11 +305,12 @@ def drift_groups(task, group, alone, part, context, step):
                     for b in range(c * BODIES, min((c + 1) * BODIES, E.shape[0])):
                         E[b, body_extra.UPPER_PUSH] = 0.0
                 else:
-                    reset_plate_forces(cuts[WITH_PLATE, c], cuts[WITH_PLATE, c + 1], context.own, context.body, E)
+                    for k in range(cuts[WITH_PLATE, c], cuts[WITH_PLATE, c + 1]):
+                        E[np.uint64(context.body[context.own[k]]), body_extra.UPPER_PUSH] = 0.0
 
 
-@entry(WORK, **POINTED, **NO_COUNTS)
-def work(task, part, begin, end, step, packed):
+@entry(RUN_GROUPS, **POINTED, **NO_COUNTS)
+def run_groups(task, part, begin, end, step, packed):
     """Run one pass of a step over groups begin to end; one call for all, since calling through a pointer costs 1.4 us."""
     context = context_of(packed)
     B, forces, none, scratch = context.B, context.forces, broadcast(0.0), context.scratch[part]

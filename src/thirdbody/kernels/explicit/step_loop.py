@@ -12,7 +12,7 @@ from thirdbody.jit.arguments import PACKED, function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS, entry
 from thirdbody.jit.simd import broadcast, extract, load
 from thirdbody.jit.threads import DISMISSED, DONE, close_pass, count_up, load_word, next_part, open_pass, wait_again
-from thirdbody.kernels.arguments import EARLY, LATE, OBSERVATION, WORK, Step, context_of
+from thirdbody.kernels.arguments import EARLY, LATE, OBSERVATION, RUN_GROUPS, Step, context_of
 from thirdbody.kernels.bodies import BODIES, STEPS, largest_displacement, weight_of
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.explicit.passes import closing_kick
@@ -46,9 +46,8 @@ FEW = 2
 
 @njit(**BARE)
 def drift_patches(P, schedule, first, t, step):
-    """Apply half kick and drift to the patches of the upper plate. Those of prescribed height, neither free nor sprung, get their
-    velocity from `t`, the start of the step, to its end. Returns the largest change of a height since the last search, one step
-    ahead [m]."""
+    """Apply half kick and drift to the patches. Those of prescribed height, neither free nor sprung, get their velocity from `t`,
+    the start of the step, to its end. Returns the largest change of a height since the last search, one step ahead [m]."""
     dt, path = step.dt, 0.0
     for p in range(P.shape[0]):
         if first[GAP + 1] != first[GAP] and P[p, patch.SPRING] == 0.0 and P[p, patch.FREE] == 0.0:
@@ -65,8 +64,8 @@ def drift_patches(P, schedule, first, t, step):
 
 @njit(**BARE)
 def kick_patches(context, step):
-    """Set the loads of the patches, sum the upward forces on them and the plate, in the order of bodies and patches: of debris,
-    direct contact, springs. Then apply their closing half kick, implicit in the dashpots: no overshoot."""
+    """Set the loads of the patches, sum the upward forces on them and the plate: of debris, direct contact, springs. Then apply
+    their closing half kick, implicit in the dashpots: no overshoot."""
     P, E, schedule, first, plate = context.P, context.E, context.schedule, context.first, context.P.shape[0] - 1
     if first[LOAD + 1] != first[LOAD]:
         factor = value(schedule, first, np.int64(LOAD), step.time)
@@ -95,7 +94,6 @@ def kick_patches(context, step):
 
 @njit(**BARE)
 def force_of_debris(sums):
-    """Return the upward force of all debris on the upper plate [N]."""
     push = 0.0
     for c in range(sums.shape[0]):
         push -= sums[c, contact_sums.UPPER_FORCE + 2]
@@ -104,8 +102,7 @@ def force_of_debris(sums):
 
 @njit(**BARE)
 def patch_powers(P, first, last):
-    """Return the power of the loads of free patches first to last - 1, with minus force times velocity of those of prescribed
-    height, and that of their dashpots [W]."""
+    """Return the power of the loads of free patches, less force times velocity of the others, and that of their dashpots [W]."""
     load, damping, power = 0.0, 0.0, 0.0
     for p in range(first, last):
         if P[p, patch.FREE] != 0.0:
@@ -118,8 +115,7 @@ def patch_powers(P, first, last):
 
 @njit(**BARE)
 def update_ledger(context, step):
-    """Add the step to the energy ledger, to impulses and distances, in a fixed order; where bodies do not influence each other
-    there is a ledger for each group of them, else one for all."""
+    """Add the step to the ledger, where bodies do not influence each other to one for each group, to impulses and distances."""
     A, ledgers, P, n = context.A, context.ledgers, context.P, context.B.shape[0]
     if ledgers.shape[0] == 0:
         powers = patch_powers(P, np.int64(0), np.int64(P.shape[0]))
@@ -143,9 +139,8 @@ def update_ledger(context, step):
 
 @njit(**BARE_CHUNK)
 def book_step(A, begin, end, powers, context, step):
-    """Add the step of groups begin to end to their ledger, the row A; in a recorded step also the elastic energy of the contacts.
-    Contacts supply energies; other powers are integrated by the trapezoidal rule. `powers`: of what moves the patches, and of
-    their dashpots [W]."""
+    """Add the step of groups begin to end to their ledger A. Contacts supply energies; other powers are integrated by the
+    trapezoidal rule. `powers`: of what moves the patches, and of their dashpots [W]."""
     sums, moves, (lifted, patch_damping) = context.sums, context.moves, powers
     work, damped, effects, upper, lower = 0.0, 0.0, 0.0, broadcast(0.0), broadcast(0.0)
     for c in range(2 * begin, 2 * end):
@@ -181,7 +176,6 @@ def book_step(A, begin, end, powers, context, step):
 
 @njit(**BARE)
 def guard(D, sums, moves):
-    """Return (code, number) of the first guard that trips, or (Stop.DONE, -1)."""
     for g in range(moves.shape[0]):
         if moves[g, chunk_motion.BAD_BODY] > 0.0:
             return Stop.BAD_BODY, np.int64(moves[g, chunk_motion.BAD_BODY]) - 1
@@ -217,7 +211,7 @@ def rebuild_needed(context, patch_path):
     return skin_exhausted(A[run_totals.MAX_DISPLACEMENT], distance, patch_path, skin)
 
 
-work_at = function_at(WORK)
+run_groups_at = function_at(RUN_GROUPS)
 
 _I, _F = types.int64, types.float64
 ADVANCE = types.Tuple((_I, _I))(_I, _F, _F, _F, _I, PACKED)
@@ -225,20 +219,18 @@ ADVANCE = types.Tuple((_I, _I))(_I, _F, _F, _F, _I, PACKED)
 
 @njit(**BARE)
 def parts_of(groups, threads):
-    """Return the number of parts of a pass over so many groups."""
     return min(groups, PARTS_PER_THREAD * threads) if threads > 1 and groups >= FEW else 1
 
 
 @njit(**BARE)
-def run_part(part, parts, task, step, context, packed, work):
+def run_part(part, parts, task, step, context, packed, run_groups):
     groups = np.int64(context.lowest.shape[0])
-    work(task, part, part * groups // parts, (part + 1) * groups // parts, step, packed)
+    run_groups(task, part, part * groups // parts, (part + 1) * groups // parts, step, packed)
     count_up(context.team, DONE)
 
 
 @njit(**BARE_CHUNK)
-def run_pass(parts, task, threads, step, context, packed, work):
-    """Run one pass of a step in so many parts, on all threads; `help_out` reads which pass it is."""
+def run_pass(parts, task, threads, step, context, packed, run_groups):
     announced = context.announced
     announced[0], announced[1], announced[2] = task, step.number, step.record
     announced[3], announced[4], announced[5], announced[6] = step.time, step.dt, step.v_x, step.v_y
@@ -246,7 +238,7 @@ def run_pass(parts, task, threads, step, context, packed, work):
     open_pass(context.team, threads)
     part = next_part(context.team, np.int64(0), threads, parts)
     while part >= 0:
-        run_part(part, parts, task, step, context, packed, work)
+        run_part(part, parts, task, step, context, packed, run_groups)
         part = next_part(context.team, np.int64(0), threads, parts)
     close_pass(context.team, parts)
 
@@ -255,7 +247,8 @@ def run_pass(parts, task, threads, step, context, packed, work):
 def help_out(member, threads, packed):
     """Take part in the passes of `advance` as one of its threads, until it is dismissed."""
     context = context_of(packed)
-    work, parts, attempts = work_at(context.work), parts_of(np.int64(context.lowest.shape[0]), threads), np.int64(0)
+    run_groups, attempts = run_groups_at(context.run_groups), np.int64(0)
+    parts = parts_of(np.int64(context.lowest.shape[0]), threads)
     a = context.announced
     while load_word(context.team, DISMISSED) == 0:
         part = next_part(context.team, member, threads, parts)
@@ -263,17 +256,17 @@ def help_out(member, threads, packed):
             attempts = wait_again(attempts)
         else:
             step = Step(np.int64(a[1]), a[2] != 0.0, a[3], a[4], a[5], a[6], a[7], a[8])
-            run_part(part, parts, np.int64(a[0]), step, context, packed, work)
+            run_part(part, parts, np.int64(a[0]), step, context, packed, run_groups)
             attempts = np.int64(0)
 
 
 @entry(ADVANCE, nogil=True, **DIRECT, **NO_COUNTS)
 def advance(budget, until, distance, dt, threads, packed):
-    """Advance until time `until` or `distance` is reached, a search is due, `budget` steps are done, or a guard trips. `packed`:
-    the packed `Context` of the step. Returns the code, and the candidate or body that a guard names, or whether a search is due;
-    RECORD before a step that reaches its target, if there is no table for its records. State is synchronised on return."""
+    """Advance until time `until` or `distance` is reached, a search is due, `budget` steps are done, or a guard trips. Returns
+    the code, and the candidate or body that a guard names, or whether a search is due; RECORD before a step that reaches its
+    target, if there is no table for its records. State is synchronised on return."""
     context = context_of(packed)
-    A, schedule, first, work = context.A, context.schedule, context.first, work_at(context.work)
+    A, schedule, first, run_groups = context.A, context.schedule, context.first, run_groups_at(context.run_groups)
     groups = context.lowest.shape[0]
     parts = parts_of(groups, threads)
     whole = parts == 1 or context.remote_body.shape[0] == 0
@@ -298,9 +291,9 @@ def advance(budget, until, distance, dt, threads, packed):
             if (task == OBSERVATION and not sampled) or (whole and (task == EARLY or task == LATE)):
                 continue
             if parts == 1:
-                work(np.int64(task), np.int64(0), np.int64(0), np.int64(groups), step, packed)
+                run_groups(np.int64(task), np.int64(0), np.int64(0), np.int64(groups), step, packed)
             else:
-                run_pass(np.int64(parts), np.int64(task), threads, step, context, packed, work)
+                run_pass(np.int64(parts), np.int64(task), threads, step, context, packed, run_groups)
         pending = 0.0 if step.record or context.has_effects != 0 else 1.0
         if sampled:
             A[run_totals.ELAPSED], A[run_totals.SHIFT_X], A[run_totals.SHIFT_Y] = 0.0, 0.0, 0.0

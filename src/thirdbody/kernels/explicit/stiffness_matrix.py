@@ -24,11 +24,8 @@ def cyclic_shift(v):
 
 @njit(**BARE)
 def contact_jacobian(n, arm, radius):
-    """Return the products that make up the stiffness of a contact of normal n at r = arm + radius n from the centre of mass.
-
-    Products of n and w = r x n: n n^T, w w^T, n w^T; and r^2 1 - r r^T, r. Symmetric ones: diagonal and yz, zx, xy; others:
-    diagonal, those, and zy, xz, yx.
-    """
+    """Return products of n and w = r x n that make up the stiffness of a contact of normal n at r = arm + radius n: n n^T, w w^T,
+    n w^T; and r^2 1 - r r^T, r. Symmetric ones: diagonal and yz, zx, xy; others: diagonal, those, and zy, xz, yx."""
     r, w = with_last(arm + broadcast(radius) * n, n), cross(arm, n)
     n_1, w_1, r_1 = cyclic_shift(n), cyclic_shift(w), cyclic_shift(r)
     n_2, w_2, r_2 = cyclic_shift(n_1), cyclic_shift(w_1), cyclic_shift(r_1)
@@ -41,11 +38,8 @@ def contact_jacobian(n, arm, radius):
 
 @njit(**BARE)
 def add_stiffness(s, k, g):
-    """Add the stiffness of a contact with `contact_jacobian` g to the sum s.
-
-    J^T (k_t 1 + (k_n - k_t) n n^T) J + k_r (1 - n n^T) + k_w n n^T, J = (1, -[r]x): forces per displacement, moments per
-    rotation, forces per rotation. The second part resists by k_r all rotations but those about n, which k_w resists.
-    """
+    """Add the stiffness of a contact with `contact_jacobian` g to the sum s: J^T (k_t 1 + (k_n - k_t) n n^T) J + k_r (1 - n n^T)
+    + k_w n n^T, J = (1, -[r]x): forces per displacement, moments per rotation, forces per rotation."""
     d, t, r, one = broadcast_lane(k, 0), broadcast_lane(k, 1), broadcast_lane(k, 2), set4(1.0, 1.0, 1.0, 0.0)
     w = broadcast_lane(k, 3)
     return (
@@ -57,11 +51,9 @@ def add_stiffness(s, k, g):
 
 @njit(**BARE)
 def eigenvalue_upper_bound(s, u, v):
-    """Return an upper bound of `eigenvalue` of a sum over a mass >= 1/u and moments of inertia >= 1/v.
-
-    From the trace t and the Frobenius norm f: eigenvalues do not exceed l = t/6 + (5/6 (f^2 - t^2/6))^(1/2) (Wolkowicz and Styan
-    1980, theorem 2.1), so their powers sum to t l^15 at most; its root is concave in t, hence below its tangent at 3 l.
-    """
+    """Return an upper bound of `eigenvalue` of a sum over a mass >= 1/u and moments of inertia >= 1/v. From the trace t and the
+    Frobenius norm f: eigenvalues do not exceed l = t/6 + (5/6 (f^2 - t^2/6))^(1/2) (Wolkowicz and Styan 1980, theorem 2.1), so
+    their powers sum to t l^15 at most; its root is concave in t, hence below its tangent at 3 l."""
     two = broadcast(2.0)
     forces, moments = s[0] * s[0] + two * s[1] * s[1], s[2] * s[2] + two * s[3] * s[3]
     both = s[4] * s[4] + s[5] * s[5] + s[6] * s[6]
@@ -73,7 +65,6 @@ def eigenvalue_upper_bound(s, u, v):
 
 @njit(**BARE)
 def symmetric(s, o):
-    """Return the rows of a symmetric matrix from its diagonal and yz, zx, xy."""
     return (
         set4(extract(s, 0), extract(o, 2), extract(o, 1), 0.0), set4(extract(o, 2), extract(s, 1), extract(o, 0), 0.0),
         set4(extract(o, 1), extract(o, 0), extract(s, 2), 0.0),
@@ -96,7 +87,6 @@ def frame(b, E, orientations):
 
 @njit(**BARE)
 def write(M, row, left, right, scale):
-    """Write a row of a matrix of six, scaled; columns 3 and 7 are void."""
     store(M, np.int64(row), np.int64(0), broadcast(scale) * left)
     store(M, np.int64(row), np.int64(4), broadcast(scale) * right)
 
@@ -139,7 +129,6 @@ def square_matrix(M, to):
 
 @njit(**BARE)
 def eigenvalue(M, square):
-    """Return tr(M^16)^(1/16), an upper bound of the largest eigenvalue of M, at most 12 % high. M: positive semidefinite;
-    `square`: that of M; both are scratch."""
+    """Return tr(M^16)^(1/16), an upper bound of the largest eigenvalue of M >= 0, at most 12 % high; both are scratch."""
     square_matrix(square, M)
     return square_matrix(M, square) ** (1.0 / 16.0)

@@ -10,16 +10,16 @@ from thirdbody.kernels.books import normal_loss_of
 from thirdbody.kernels.contact_geometry import add_gradient_force, force_and_torques
 from thirdbody.kernels.height_field import has_heights
 from thirdbody.kernels.implicit import books
+from thirdbody.kernels.implicit.contact import product
 from thirdbody.kernels.implicit.control import step_ratio
-from thirdbody.kernels.implicit.residual import momentum_of, set_configuration
+from thirdbody.kernels.implicit.residual import inertia_of, set_configuration
 from thirdbody.kernels.implicit.workspace import FREEDOMS, STAGE, last_candidate, update_rough
 from thirdbody.kernels.plates import has_effect_columns, is_closed, is_lower, is_rough, three
 from thirdbody.kernels.step_tables import contact_sums, sphere_path, step_contacts, step_memory, step_settings, step_start
 from thirdbody.kernels.tables import body, body_extra, patch, run_totals, sphere
 from thirdbody.kernels.tile import TILE, geometry, law_output
 
-ROUNDED = 1.001
-"""Length of the path of a sphere over the sum of its chords, an upper bound: a step turns a body by 0.05 rad at most."""
+ROUNDED = 1.001  # upper bound of the path of a sphere over the sum of its chords: a step turns a body by 0.05 rad at most
 
 STRAYED = 0.5 * math.sqrt(ROUNDED**2 - 1.0)
 """Largest distance of a path from its chord, over the chord: that of a path of this length, an ellipse at most."""
@@ -27,8 +27,7 @@ STRAYED = 0.5 * math.sqrt(ROUNDED**2 - 1.0)
 
 @njit(**BARE)
 def commit(context, b, m, motion, space):
-    """Store history, friction work, slip and records of m contacts; add work and plate forces to `space.sums`. Return the energy
-    [J] that the dashpots dissipate (`books`)."""
+    """Store history, friction work, slip and records of m contacts; return the energy [J] that their dashpots dissipate."""
     O, sums, B, smooth = space.outputs, space.sums, context.B, space.start[step_start.OLD_WEIGHT] > 0.0  # noqa: E741
     first, q, friction, damped = context.plate_edges[b], np.int64(0), 0.0, 0.0
     force_and_torques(m, space)
@@ -63,8 +62,7 @@ def commit(context, b, m, motion, space):
 
 @njit(**BARE)
 def body_works(context, b, dt, space):
-    """Return works on the body in the step [J]: of contacts, of effects, of inertial forces; and its kinetic energy before and
-    after."""
+    """Return works on the body in the step [J]: of contacts, of effects, of inertial forces; kinetic energy before and after."""
     Z, T, B, E, y = space.start, context.memory[b], context.B, context.E, space.y
     inertial, per_arm = context.settings[step_settings.INERTIAL], 1.0 / Z[step_start.ARM]
     contacts, effects, before, after, pushed, mass = 0.0, 0.0, 0.0, 0.0, 0.0, B[b, body.MASS]
@@ -90,10 +88,9 @@ def body_works(context, b, dt, space):
 @njit(**BARE)
 def curved_drag(context, b, motion, sums):
     """Return the work [J] that the curve of the plate's force over the drag adds to that of its mean in a step; keep its change.
-    On rough plates the force of a rolling body turns with the slope below it within few steps, and the work of the mean of both
-    ends is off by tenths of a per cent. The parabola through the last three forces has the integral (Adams and Moulton, third
-    order) of the mean minus ratio/(6 (1 + ratio)) times the change of the force beyond `ratio` times the last one
-    (`step_ratio`)."""
+    On rough plates the force of a rolling body turns within few steps, and the work of the mean is off by tenths of a per cent.
+    The parabola through the last three forces has the integral (Adams and Moulton, third order) of the mean minus
+    ratio/(6 (1 + ratio)) times the change of the force beyond `ratio` times the last one (`step_ratio`)."""
     A, T, work, ratio = context.totals[b], context.memory[b], 0.0, step_ratio(context.memory[b], context.settings, motion.dt)
     for k in range(2):
         change = -sums[0, contact_sums.UPPER_FORCE + k] - A[run_totals.UPPER_FORCE + k]
@@ -106,15 +103,11 @@ def curved_drag(context, b, motion, sums):
 @njit(**BARE)
 def update_ledger(context, b, motion, works, common, space):
     """Add the accepted step to the energy totals of the body. `works`: energy that its contacts store more than before, and that
-    their dashpots dissipate [J].
-
-    Each line is computed independently; their imbalance is the residual. The method uses the forces at the end of the step: their
-    work in excess of the energy stored and dissipated by the laws, and of the kinetic energy, is the numerical loss. The plate's
-    work and impulse use the mean of the forces at both ends of the step or, where forces jump (`weight_of_old`), those at its
-    end, as do friction and dashpots (`commit`); the difference from the work of the method is added to the numerical loss. With
-    a `common` plate the body-plate forces are internal and do no external work. Without inertia bodies and patches have no
-    kinetic energy.
-    """
+    their dashpots dissipate [J]. Each line is computed independently; their imbalance is the residual. The work of the forces at
+    the end of the step in excess of the energy stored and dissipated by the laws, and of the kinetic energy, is the numerical
+    loss. Work and impulse of the plate, friction and dashpots are those of the mean of the forces at both ends or, where forces
+    jump (`weight_of_old`), of those at its end; the difference is added to the numerical loss. With a `common` plate the
+    body-plate forces are internal and do no external work. Without inertia bodies and patches have no kinetic energy."""
     p, Z, T, A, P, y, dt = context.patch[b], space.start, context.memory[b], context.totals[b], context.P, space.y, motion.dt
     sums, inertial, (gained, of_dashpots) = space.sums, context.settings[step_settings.INERTIAL], works
     now, last = Z[step_start.NOW] / dt, inertial * Z[step_start.BEFORE] / dt
@@ -164,9 +157,8 @@ def update_ledger(context, b, motion, works, common, space):
 
 @njit(**BARE)
 def remember_step(context, b, dt, space):
-    """Store the data of an accepted step that the next one needs. Where forces jump (`weight_of_old`) the change of velocity is
-    that of an impulse: the next step starts anew, too, or BDF2 would create a fifth of the energy of a ball that a plate sets
-    rolling (`meets_again` with `coulomb`)."""
+    """Store what the next step needs of this one. Where forces jump (`weight_of_old`) the next one starts anew, too, or BDF2
+    would create a fifth of the energy of a ball that a plate sets rolling (`meets_again` with `coulomb`)."""
     Z, T, B, velocity = space.start, context.memory[b], context.B, context.P[context.patch[b], patch.VELOCITY]
     for k in range(FREEDOMS):
         T[step_memory.LAST_COORDINATES + k] = space.y[k]
@@ -191,7 +183,6 @@ def remember_step(context, b, dt, space):
 
 @njit(**BARE)
 def reject_step(context, b, space):
-    """Restore the body and its patch to the start of the step."""
     p, Z, B, P, y = context.patch[b], space.start, context.B, context.P, space.y
     for k in range(FREEDOMS):
         y[k] = 0.0
@@ -208,13 +199,12 @@ def reject_step(context, b, space):
 
 @njit(**BARE)
 def accept_step(context, b, m, motion, common, space):
-    """Accept the step of the body to `space.y`: store history, records, energy and step data; `common`: see `update_ledger`."""
     Z, T, B, E, dt = space.start, context.memory[b], context.B, context.E, motion.dt
     for k in range(contact_sums.WIDTH):
         space.sums[0, k] = 0.0
     Z[step_start.OLD_WEIGHT] = books.weight_of_old(context, b, m, dt, space)
     damped = commit(context, b, m, motion, space)
-    momentum = momentum_of(b, context)
+    momentum = product(inertia_of(b, E, context.orientations), three(B, b, body.SPIN))
     for k in range(3):
         E[b, body_extra.ANGULAR_MOMENTUM + k] = momentum[k]
         if has_effect_columns(E):

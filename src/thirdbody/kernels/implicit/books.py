@@ -1,13 +1,11 @@
 """Work of the contacts of a step, with plates and between bodies: its error, what they dissipated, their histories and records.
 
-A step uses the forces at its end. What bodies exchange is, to second order, the work of the mean of the forces at both ends: for
-dashpots as for friction (`kernels.books`). Where forces jump (`smooth` is false, `weight_of_old`) and without inertia, whose
-steps all begin at rest, it is the work of the force at the end. The forces of dashpots are kept in the history, as in explicit
-steps. Called through pointers, so that plates and pairs are compiled without.
+A step uses the forces at its end. What bodies exchange is, to second order, the work of the mean of the forces at both ends
+(`kernels.books`); where forces jump (`smooth` is false, `weight_of_old`) and without inertia, that of the force at the end.
+Called through pointers, so that plates and pairs are compiled without.
 
-A rolling body dissipates only while load passes from one contact to the next: over some nanometres, with work far below that of
-a sliding body and too small to show in the position error. Step lengths are therefore also controlled by an error of the friction
-work.
+A rolling body dissipates only while load passes from one contact to the next: too little to show in the position error. Step
+lengths are therefore also controlled by an error of the friction work.
 """
 
 import math
@@ -48,8 +46,7 @@ MIN_CUT = 1e5  # shortest step cut for this error, in units of the shortest step
 
 GROWN = 0.75
 """Error of the tangential force of a contact whose radius changes within the step, over relative change of radius times friction
-limit times slip over critical slip: laws use the stiffness 2 G* a = 1.5 limit/critical at the end of the step, while the mean
-over the step would differ by half the change."""
+limit times slip over critical slip: laws use the stiffness 2 G* a = 1.5 limit/critical at the end of the step, not the mean."""
 
 CALM = 0.01
 """Largest dashpot work, as a fraction of the tangential work, for which forces count as continuous at a breakpoint."""
@@ -69,9 +66,8 @@ def loss_of_end(q, before, dt, context, tile):
 
 @njit(**BARE)
 def weight_of_old(context, b, m, dt, space):
-    """Return the weight of the force at the start of a step in its work, of plate, friction and dashpots: 0.5, or 0 where forces
-    jump. Forces jump with the velocity at a breakpoint of the motion if the dashpots of the m contacts dissipate more than CALM
-    of the work of the tangential forces."""
+    """Return the weight of the force at the start of a step in its work: 0.5, or 0 where forces jump with the velocity at a
+    breakpoint of the motion: there dashpots dissipate more than CALM of the work of the tangential forces."""
     if context.memory[b, step_memory.LAST_DT] > 0.0:
         return 0.5
     I, O, work_done, damped = space.inputs, space.outputs, 0.0, 0.0  # noqa: E741
@@ -84,9 +80,8 @@ def weight_of_old(context, b, m, dt, space):
 
 @njit(**BARE)
 def opening_work(k, before, contact, u, context, dt):
-    """Return the slip work [J] of the tangential spring of candidate k, whose force falls to zero as it opens within the step.
-    `before`: overlap plus reach [m] at its start; `contact`: overlap [m] and normal at its end; u: mean velocity of the partner
-    there [m/s]."""
+    """Return the slip work [J] of the tangential spring of candidate k, which opens within the step. `before`: overlap plus reach
+    at its start [m]; `contact`: overlap and normal at its end; u: mean velocity of the partner there [m/s]."""
     S, H, i, (overlap, n) = context.S, context.H, context.own[k], contact
     r = S[i, sphere.RADIUS]
     v = surface_velocity(i, S, STEP_COLUMNS, (-r * n[0], -r * n[1], -r * n[2]))
@@ -100,7 +95,6 @@ def opening_work(k, before, contact, u, context, dt):
 
 @njit(**BARE)
 def stored_energy(k, context):
-    """Return the elastic energy of candidate k at its last record [J]; 0 where it was open."""
     return context.R[k, record.STORED_NORMAL] + context.R[k, record.STORED_TANGENTIAL] if is_closed(k, context.H) else 0.0
 
 
@@ -131,9 +125,8 @@ def contact_energy(q, tile):
 
 @njit(**BARE)
 def contact_difference(q, before, context, tile):
-    """Return the estimated error [J] of the friction work of contact q; `before`: its overlap plus reach at the start [m]. It is
-    the difference between the works of the mean force and of that at the end, plus the effect of a changing contact radius
-    (`GROWN`)."""
+    """Return the estimated error [J] of the friction work of contact q: the difference between the works of the mean force and of
+    that at the end, plus the effect of a changing contact radius (`GROWN`)."""
     I, O = tile.inputs, tile.outputs  # noqa: E741
     old, new = (law_input.HISTORY + context.force) * TILE + q, (law_output.HISTORY + context.force) * TILE + q
     s_x, s_y = I[q + law_input.SLIP_X * TILE], I[q + law_input.SLIP_Y * TILE]
@@ -162,9 +155,8 @@ def moment_work(q, context, tile):
 
 @njit(**BARE)
 def energy_scale(context, b, m, space):
-    """Return the scale of energy [J] for errors of the friction work of a body: its friction work so far, plus its kinetic energy
-    of translation, which impacts dissipate, plus FLOOR times that of rotation, which friction alone dissipates, and the energy
-    that its contacts can store (largest so far: step_memory.MAX_ENERGY [J])."""
+    """Return the scale [J] for errors of the friction work of a body: its friction work so far, its energy of translation, which
+    impacts dissipate, and FLOOR times that of rotation, which friction alone dissipates, and of what its contacts can store."""
     B = context.B
     stored = max(context.memory[b, step_memory.MAX_ENERGY], energy_of_contacts(m, space))
     loss = context.E[b, body_extra.NORMAL_LOSS] if context.loss_column >= 0 else 0.0
@@ -177,7 +169,6 @@ def energy_scale(context, b, m, space):
 
 @njit(**BARE)
 def work_error_of_plates(context, b, m, motion, space):
-    """Return the error [J] of the friction work of the contacts of a body with plates."""
     first, error, q = context.plate_edges[b], 0.0, np.int64(0)
     for p in range(m):
         error += contact_difference(p, space.before[space.slots[p] - first], context, space)
@@ -192,14 +183,13 @@ def work_error_of_plates(context, b, m, motion, space):
 
 @njit(**BARE)
 def dashpots_act(smooth, context):
-    """Return whether dashpots dissipate the work of the mean of their forces."""
     return smooth and context.dashpots >= 0 and context.settings[step_settings.INERTIAL] != 0.0
 
 
 @njit(**BARE)
 def loss_of_mean(q, before, context, tile):
-    """Return the energy [J] that the dashpots of contact q dissipate by the mean of their forces; at least 0. `before`: overlap
-    plus reach at the start of the step [m]; a contact that closes moves with its dashpots by its overlap."""
+    """Return the energy [J] that the dashpots of contact q dissipate by the mean of their forces; one that closes moves with them
+    by its overlap."""
     I, O = tile.inputs, tile.outputs  # noqa: E741
     n, x, y = unpack_triple(I[(law_input.HISTORY + context.dashpots) * TILE + q])
     new, turn = (law_output.HISTORY + context.n_history) * TILE + q, (law_input.HISTORY + context.n_history) * TILE + q
@@ -217,13 +207,10 @@ def loss_of_mean(q, before, context, tile):
 
 @entry(BOOK, **POINTED, **NO_COUNTS)
 def book_contacts(n, before, first, smooth, dt, context, tile):
-    """Write what friction and dashpots of the n contacts of a tile dissipate to DISSIPATED and DASHPOT_POWER [J].
-
-    `before`: overlaps plus reach of the candidates from `first` on at the start of the step [m]. Where friction has ended in the
-    step without its energy being booked, as the dashpot of a departing sphere cancelled its normal force, no force does work: all
-    that was stored is dissipated, as in a contact that opens. So is what a contact without normal force releases that is about to
-    open: its dashpot cancels the elastic force.
-    """
+    """Write what friction and dashpots of the n contacts of a tile dissipate to DISSIPATED and DASHPOT_POWER [J]. `before`:
+    overlaps plus reach of the candidates from `first` on at the start of the step [m]. Where friction has ended unbooked, as the
+    dashpot of a departing sphere cancelled its normal force, all that was stored is dissipated, as in a contact that opens. So is
+    what a contact without normal force releases that is about to open."""
     O, R, slots = tile.outputs, context.R, tile.slots  # noqa: E741
     of_mean, of_dashpots = smooth and context.force >= 0, dashpots_act(smooth, context)
     if of_mean:
@@ -248,7 +235,6 @@ def book_contacts(n, before, first, smooth, dt, context, tile):
 
 @entry(WRITE, **POINTED, **NO_COUNTS)
 def write_contacts(n, motion, context, tile):
-    """Store histories and records of the n contacts of a tile, and what they measure."""
     store_history(n, tile.slots, context, tile)
     for q in range(n):
         write_record(q, tile.slots[q], context, motion, tile)
@@ -258,9 +244,8 @@ def write_contacts(n, motion, context, tile):
 
 @entry(END, **POINTED, **NO_COUNTS)
 def end_contact(k, before, dragged, smooth, context):
-    """End candidate k, which opens within the step; return what its friction and its dashpots dissipate in it [J]. `before`:
-    overlap plus reach at the start of the step [m]; `dragged`: work of its tangential spring [J]. Without normal force there the
-    dashpots dissipate all that was stored: nothing accelerates the body, and one step can lead to the open contact."""
+    """End candidate k, which opens within the step; return what friction and dashpots dissipate in it [J]. `dragged`: work of its
+    tangential spring [J]. Without normal force there the dashpots dissipate all that was stored: one step can lead to the end."""
     damped = 0.0
     if context.R[k, record.NORMAL_FORCE] == 0.0:
         damped = context.R[k, record.STORED_NORMAL]

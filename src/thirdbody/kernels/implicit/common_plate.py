@@ -17,7 +17,7 @@ from thirdbody.kernels.implicit.accept_step import reject_step
 from thirdbody.kernels.implicit.contact import contact_force
 from thirdbody.kernels.implicit.driver import accept_island, assess_island
 from thirdbody.kernels.implicit.jacobian import assemble, factorise_jacobian, solve_correction
-from thirdbody.kernels.implicit.newton import Outcome, evaluate, solve_island
+from thirdbody.kernels.implicit.newton import NewtonOutcome, evaluate, solve_island
 from thirdbody.kernels.implicit.residual import gradient_force, measure_arm, save_start
 from thirdbody.kernels.implicit.workspace import FREEDOMS, STAGE, body_at, call_part, space_at
 from thirdbody.kernels.plates import book_direct_contact, is_rough, is_upper
@@ -31,7 +31,6 @@ _ENDED = types.Tuple((_D, _B, _I))
 
 @njit(**BARE)
 def plate_reaction(context, b, m, space):
-    """Return the upward force [N] of the body on the plate, by a spring or directly by its contacts."""
     p, P = context.patch[b], context.P
     if P[p, patch.SPRING] != 0.0:
         return P[p, patch.SPRING] * (P[p, patch.HEIGHT] - space.start[step_start.PLATE_HEIGHT])
@@ -47,7 +46,6 @@ def plate_reaction(context, b, m, space):
 
 @njit(**BARE)
 def load_body(context, b, space):
-    """Load the start of the step of a body, and its coordinates at the end of the last iteration."""
     low, high = context.plate_edges[b], context.plate_edges[b + 1]
     for e in range(low, high):
         space.before[e - low] = context.initial_overlaps[e]
@@ -59,9 +57,8 @@ def load_body(context, b, space):
 
 @njit(**BARE)
 def write_stiffness(m, motion, context, island, scratch):
-    """Write the changes of the forces on the plate with its rise, the island in equilibrium, to the solutions of its bodies, each
-    of which follows the plate itself or the spring of its patch. The column of the plate becomes the right-hand side; its rise is
-    taken out of the band."""
+    """Write the changes of the forces on the plate with its rise, the island in equilibrium, to the solutions of its bodies. The
+    column of the plate becomes the right-hand side; its rise is taken out of the band."""
     assemble(m, True, motion, context, island, scratch)
     band, w = scratch.band, island.half_width
     for a in range(island.n):
@@ -97,8 +94,8 @@ def spring_of(a, context, island):
 
 @entry(types.void(_I, _I, _B, _D, workspace.MOTION, PACKED, PACKED, PACKED), nogil=True, **OPTIONS, **NO_COUNTS)
 def solve_at(first, last, first_iteration, displacement, motion, packed, tables, packed_scratch):
-    """Solve the step of the islands `order[first:last]`, in sequence, for a given rise of the plate [m]; results go to
-    `solutions`. `first_iteration`: the step begins; otherwise the iteration continues from `ends` of the previous call."""
+    """Solve the step of the islands `order[first:last]` for a given rise of the plate [m], into `solutions`; unless it begins in
+    the `first_iteration`, from the `ends` of the previous call."""
     context, islands, scratch = workspace.unpack(packed, tables, packed_scratch)
     for p in range(first, last):
         island = workspace.island_at(islands.order[p], islands)
@@ -120,24 +117,24 @@ def solve_at(first, last, first_iteration, displacement, motion, packed, tables,
             call_part(context.pairs_part, STAGE.START, 0, 0, motion, context, island, scratch)
         outcome, m, iterations = solve_island(motion, context, island, scratch)
         # the friction work of a body that meets only plates is not estimated: it has no step of its own
-        of_work = outcome == Outcome.SOLVED and island.n > 1
+        of_work = outcome == NewtonOutcome.SOLVED and island.n > 1
         error, rotation, landing = assess_island(m, of_work, motion, context, island, scratch)
         for a in range(island.n):
             b, space = body_at(a, island), space_at(a, scratch)
             T, solution = context.memory[b], context.solutions[b]
             T[step_memory.TRIES] += 1.0
             T[step_memory.ITERATIONS] += iterations
-            solution[body_solution.SOLVED] = 1.0 if outcome == Outcome.SOLVED else 0.0
-            solution[body_solution.CROWDED] = 1.0 if outcome == Outcome.CROWDED else 0.0
+            solution[body_solution.SOLVED] = 1.0 if outcome == NewtonOutcome.SOLVED else 0.0
+            solution[body_solution.CROWDED] = 1.0 if outcome == NewtonOutcome.CROWDED else 0.0
             solution[body_solution.LANDS], solution[body_solution.ITERATIONS] = 1.0 if landing else 0.0, iterations
             for k in range(FREEDOMS):
                 context.ends[b, k] = space.y[k]
             for k in range(step_start.WIDTH):
                 context.starts[b, k] = space.start[k]
-            if outcome == Outcome.SOLVED:
+            if outcome == NewtonOutcome.SOLVED:
                 solution[body_solution.ERROR], solution[body_solution.ROTATION] = error, rotation
                 solution[body_solution.PUSH] = plate_reaction(context, b, scratch.counts[a], space)
-        if outcome == Outcome.SOLVED:
+        if outcome == NewtonOutcome.SOLVED:
             write_stiffness(m, motion, context, island, scratch)
 
 
@@ -158,7 +155,6 @@ def accept_at(first, last, ended, motion, packed, tables, packed_scratch):
 
 @entry(types.void(_I, _I, PACKED, PACKED, PACKED), **OPTIONS, **NO_COUNTS)
 def restore_islands(first, last, packed, tables, packed_scratch):
-    """Return the islands `order[first:last]` to the start of the step."""
     context, islands, scratch = workspace.unpack(packed, tables, packed_scratch)
     for p in range(first, last):
         island = workspace.island_at(islands.order[p], islands)
@@ -173,19 +169,16 @@ def restore_islands(first, last, packed, tables, packed_scratch):
 
 @entry(types.Tuple((_D, _I))(_ROW, _D, PACKED, _D), **OPTIONS)
 def common_step_length(T, t, packed, end):
-    """Return length [s] and limiting cause of the next step (`control.next_length`)."""
     return control.next_length(T, t, workspace.context_of(packed), end)
 
 
 @entry(types.UniTuple(_D, 2)(_D, PACKED, _D), **OPTIONS)
 def plate_velocity_of(t, packed, dt):
-    """Return the mean lateral velocity (v_x, v_y) [m/s] of the upper plate over a step."""
     return control.plate_velocity(t, workspace.context_of(packed), dt)
 
 
 @entry(_D(_D, PACKED, _D), **OPTIONS)
 def next_breakpoint_after(t, packed, until):
-    """Return the time [s] of the next breakpoint of the motion after t, at most `until`."""
     return control.next_breakpoint(t, workspace.context_of(packed), until)
 
 

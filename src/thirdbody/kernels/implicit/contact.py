@@ -57,13 +57,11 @@ def difference(a, b):
 
 @njit(**BARE)
 def scaled_sum(x, a, y, b, z, c):
-    """Return x a + y b + z c of three vectors."""
     return x * a[0] + y * b[0] + z * c[0], x * a[1] + y * b[1] + z * c[1], x * a[2] + y * b[2] + z * c[2]
 
 
 @njit(**BARE)
 def product(tensor, v):
-    """Return the product of a symmetric tensor (xx, yy, zz, xy, xz, yz) and a vector."""
     xx, yy, zz, xy, xz, yz = tensor
     x, y, z = v
     return xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
@@ -71,7 +69,6 @@ def product(tensor, v):
 
 @njit(**BARE)
 def depth_at(q, context, I):  # noqa: E741
-    """Return overlap plus reach of contact q [m]: laws act where it is positive."""
     return I[law_input.OVERLAP * TILE + q] + context.D[domain.REACH]
 
 
@@ -84,7 +81,6 @@ def closed_fraction(q, before, context, I):  # noqa: E741
 
 @njit(**BARE)
 def vector_at(q, field, G):
-    """Return a vector field of the tile at contact q; `field`: its first column."""
     return read_vector(G, q + field * TILE)
 
 
@@ -95,7 +91,6 @@ def frame_of(q, G):
 
 @njit(**BARE)
 def contact_force(q, tile):
-    """Return the force (3,) [N] of contact q on the body."""
     n, (normal, e, g) = tile.outputs[law_output.NORMAL_FORCE * TILE + q], frame_of(q, tile.geometry)
     t_1, t_2 = tile.outputs[law_output.TANGENTIAL_X * TILE + q], tile.outputs[law_output.TANGENTIAL_Y * TILE + q]
     return scaled_sum(n, normal, t_1, e, t_2, g)
@@ -103,14 +98,12 @@ def contact_force(q, tile):
 
 @njit(**BARE)
 def contact_point(q, i, S, G):
-    """Return the point of contact q, of sphere i, from the centre of mass (3,) [m]."""
     n, a = vector_at(q, geometry.NORMAL, G), G[q + geometry.ARM * TILE]
     return S[i, sphere.ARM] - a * n[0], S[i, sphere.ARM + 1] - a * n[1], S[i, sphere.ARM + 2] - a * n[2]
 
 
 @njit(**BARE)
 def contact_moment(q, context, tile):
-    """Return the moment (3,) [N m] of contact q on the body, of rolling and of twisting."""
     at = (law_output.HISTORY + context.n_history) * TILE + q
     m_1, m_2 = tile.outputs[at + rolling_output.MOMENT_X * TILE], tile.outputs[at + rolling_output.MOMENT_Y * TILE]
     n, e, g = frame_of(q, tile.geometry)
@@ -129,8 +122,6 @@ PLANE = ZERO_TENSOR, NOWHERE, ZERO_TENSOR  # shape of a plane: bend, gradient an
 
 
 class Side(NamedTuple):
-    """One side of a contact."""
-
     row: int  # first row and column of its body in the equations; -1: a plate, which has none
     lift: int  # row and column of the rise of a plate; -1: a body, or a plate at rest
     scale: float  # one over the arm of the body [1/m], if rotations are scaled in the equations; else 1
@@ -139,7 +130,7 @@ class Side(NamedTuple):
     arm: float  # distance of the contact point from the centre of the sphere [m]
 
 
-class Contact(NamedTuple):
+class ContactOfSides(NamedTuple):
     """A contact: forces and geometry at the end of the step, and tangents."""
 
     owner: Side
@@ -161,8 +152,8 @@ class Contact(NamedTuple):
 
 @njit(**BARE)
 def contact_of(q, before, dt, sides, shape, context, tile):
-    """Return contact q of a tile as a `Contact`. `before`: overlap plus reach at the start of the step [m], negative: a gap;
-    `sides`: owner and partner; `shape`: bend, gradient and its change."""
+    """Return contact q of a tile. `before`: overlap plus reach at the start of the step [m], negative: a gap; `shape`: bend,
+    gradient and its change."""
     I, K, frame = tile.inputs, tile.tangents, frame_of(q, tile.geometry)  # noqa: E741
     fraction = closed_fraction(q, before, context, I)
     s_1, s_2, moments = I[law_input.SLIP_X * TILE + q], I[law_input.SLIP_Y * TILE + q], has_moments(context)
@@ -183,7 +174,7 @@ def contact_of(q, before, dt, sides, shape, context, tile):
         fraction * K[at], fraction * K[at + TILE], fraction * K[at + 2 * TILE], fraction * K[at + 3 * TILE],
         K[at + 4 * TILE], K[at + 5 * TILE],
     )  # fmt: skip
-    return Contact(
+    return ContactOfSides(
         sides[0], sides[1], frame, contact_force(q, tile), contact_moment(q, context, tile) if moments else NOWHERE, displacement,
         (K[contact_tangent.NORMAL * TILE + q], xx, xy, yx, yy, xd, yd), rolling if moments else ZERO_TENSOR,
         (fraction * K[of_twist], K[of_twist + TILE]) if has_twist(context) else (0.0, 0.0), shape[0],
@@ -198,7 +189,7 @@ def owner_side(q, i, row, scale, S, G):
 
 @njit(**BARE)
 def plate_contact(q, b, dt, shape, context, space):
-    """Return contact q of body b, with a plate, as a `Contact` of the equations of this body alone; `shape`: see `contact_of`."""
+    """Return contact q of body b, with a plate, in the equations of this body alone; `shape`: see `contact_of`."""
     k = space.slots[q]
     owner = owner_side(q, context.own[k], np.int64(0), 1.0, context.S, space.geometry)
     sides = owner, Side(-1, 6 if is_upper(context.partner[k]) else -1, 1.0, NOWHERE, NOWHERE, 0.0)
@@ -254,10 +245,8 @@ def add_planar(contact, J):
 
 @njit(**BARE)
 def add_plane(contact, context, J):
-    """Add a contact with a plane to the Jacobian of its body, J (7, 7), flat; moments change with rotation w and overlap d:
-
-    dM = M w + m dd        with dd = -n.(u + w x r)
-    """
+    """Add a contact with a plane to the Jacobian of its body, J (7, 7), flat; moments change with rotation w and overlap d: dM =
+    M w + m dd        with dd = -n.(u + w x r)"""
     add_planar(contact, J)
     if not has_moments(context):
         return

@@ -31,8 +31,7 @@ class StepLimit(IntEnum):
 
 
 TRAVEL = 0.12
-"""Largest displacement of a sphere relative to a rough plate in one step, in radii: minima of the distance are searched for after
-each step, in all directions."""
+"""Largest displacement of a sphere relative to a rough plate in a step, in radii: minima are searched for after each step."""
 
 OF_A_BODY = 4  # number of causes due to a body; the others are due to the scene
 CAUSES = tuple(limit.name.lower() for limit in StepLimit)  # names of the causes by code, as in `summary()`
@@ -47,7 +46,6 @@ WORDS = (
 
 @njit(**BARE_CHUNK)
 def why_cut(landing, converged, error, rotation):
-    """Return the code of the cause of a rejected step."""
     if landing:
         return np.int64(StepLimit.LANDING)
     if not converged:
@@ -86,14 +84,7 @@ def next_breakpoint(t, context, until):
 
 
 @njit(**BARE)
-def is_breakpoint(t, context, end):
-    """Return whether the interval from t to `end` ends at a breakpoint, and not only at a stop."""
-    return next_breakpoint(t, context, np.inf) <= end
-
-
-@njit(**BARE)
 def plate_velocity(t, context, dt):
-    """Return the mean lateral velocity (v_x, v_y) [m/s] of the upper plate over a step."""
     schedule, first = context.schedule, context.first
     return mean_rate(schedule, first, np.int64(X), t, dt), mean_rate(schedule, first, np.int64(Y), t, dt)
 
@@ -108,7 +99,7 @@ def next_length(T, t, context, end):
     """Return length [s] and limiting cause (`StepLimit`) of the next step from t, at most to `end` [s]."""
     left = end - t
     dt, limit = min(T[step_memory.NEXT_DT], left), np.int64(T[step_memory.LIMIT])
-    ends = np.int64(StepLimit.REVERSAL if is_breakpoint(t, context, end) else StepLimit.OUTPUT)
+    ends = np.int64(StepLimit.REVERSAL if next_breakpoint(t, context, np.inf) <= end else StepLimit.OUTPUT)
     longest = longest_drag(context.settings, T)
     for _ in range(3):
         v_x, v_y = plate_velocity(t, context, dt)
@@ -130,19 +121,15 @@ def step_ratio(T, V, dt):
 
 @njit(**BARE)
 def bdf2_weights(ratio):
-    """Return the weights of the changes of this step and the last one, shorter by `ratio`: BDF2 for unequal steps.
-
-    Sources: Curtiss and Hirschfelder 1952; unequal steps: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I,
-    III.5.
-    """
+    """Return the weights of the changes of this step and the last one, shorter by `ratio`: BDF2 (Curtiss and Hirschfelder 1952)
+    for unequal steps (Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, III.5)."""
     return (1.0 + 2.0 * ratio) / (1.0 + ratio), ratio * ratio / (1.0 + ratio)
 
 
 @njit(**BARE)
 def begin_step(context, b, displacement, motion, space):
-    """Set the weights of a step, what holds a body without inertia, and its patch along x and y; predict the end of the step:
-    with the acceleration of the last one, after a start with constant velocity; `local_error` measures from there.
-    `displacement`: of a patch that is prescribed [m]."""
+    """Set the weights of a step, what holds a body without inertia, and its patch along x and y; predict the end of the step with
+    the acceleration of the last one. `displacement`: of a patch that is prescribed [m]."""
     p, Z, T, V, P, dt = context.patch[b], space.start, context.memory[b], context.settings, context.P, motion.dt
     P[p, patch.DISPLACEMENT] = Z[step_start.PATCH_DISPLACEMENT] + dt * motion.v_x
     P[p, patch.DISPLACEMENT + 1] = Z[step_start.PATCH_DISPLACEMENT + 1] + dt * motion.v_y
@@ -171,12 +158,8 @@ def begin_step(context, b, displacement, motion, space):
 @njit(**BARE)
 def error_of_change(change, radius, ratio, V, dt):
     """Return the local error of a step over the tolerance, a fraction of `radius`, that of the largest contact. `change`: of a
-    velocity [m/s], beyond that of the last step, scaled.
-
-    Backward Euler: half the step length times the change of velocity. BDF2: 2/9 of the step length times the difference between
-    this change and the last one scaled by the ratio of steps (at equal steps 2/9 of the third derivative times dt^3: Hairer,
-    Norsett and Wanner, III.2).
-    """
+    velocity [m/s], beyond that of the last step, scaled. Backward Euler: half the step length times the change. BDF2: 2/9 of
+    that, which at equal steps is 2/9 of the third derivative times dt^3 (Hairer, Norsett and Wanner, III.2)."""
     fraction, allowed = 0.5 if ratio == 0.0 else 2.0 / 9.0, V[step_settings.TOLERANCE]
     if V[step_settings.INERTIAL] == 0.0:
         allowed = min(1.0, TOLERANCE_FACTOR * allowed)
@@ -185,7 +168,6 @@ def error_of_change(change, radius, ratio, V, dt):
 
 @njit(**BARE)
 def local_error(context, b, dt, space):
-    """Return the local error of the step of a body and its patch over the tolerance (`error_of_change`)."""
     Z, T, V, B = space.start, context.memory[b], context.settings, context.B
     ratio = step_ratio(T, V, dt)
     move, rotation = 0.0, 0.0
@@ -213,7 +195,6 @@ def local_error(context, b, dt, space):
 
 @njit(**BARE)
 def reduction_factor(converged, error, rotation):
-    """Return the factor that shortens a rejected step; `converged`: Newton's method converged."""
     if not converged:
         return 0.5
     from_rotation = 0.9 * MAX_ROTATION / max(rotation, 1e-30)
@@ -222,8 +203,7 @@ def reduction_factor(converged, error, rotation):
 
 @njit(**BARE)
 def set_next_dt(T, growth, dt, error, easy, cut, limit):
-    """Set the length of the next step and what limits it. `growth`: largest ratio of two steps; `easy`: Newton's method took few
-    iterations; `cut`: the step was cut because of `limit`."""
+    """Set the length of the next step and what limits it. `growth`: largest ratio of two steps; `easy`: few iterations."""
     requested_dt = T[step_memory.NEXT_DT]
     grown = min(growth, 0.9 / math.sqrt(max(error, 1e-30)))
     if cut or not easy:
@@ -241,8 +221,8 @@ def set_next_dt(T, growth, dt, error, easy, cut, limit):
 
 @njit(**BARE)
 def close_step(context, b, motion, ended, space):
-    """Advance the clock and the counters of body b by a step, and note a guard that it violates. `ended`: time [s] at the end of
-    the interval, whether the step ends exactly then, and how often it was cut."""
+    """Advance clock and counters of body b, and note a guard that it violates. `ended`: time [s] at the end of the interval,
+    whether the step ends exactly then, and how often it was cut."""
     T, A, D, diagnostics, (end, whole, cuts) = context.memory[b], context.totals[b], context.D, space.diagnostics, ended
     pass_time(A, motion.dt, motion.v_x, motion.v_y)
     if whole:

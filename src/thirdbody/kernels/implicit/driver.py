@@ -1,20 +1,16 @@
 """BDF2 steps of islands: advanced to a time by individual steps, from one body to many; and of ensembles.
 
-A step that Newton's method or the error estimate rejects is shortened; step lengths grow again afterwards. The error is relative
-to the radius of the largest contact: steps are short where a contact starts to slip or a body tips, and long where it slides or
-rolls on. No step crosses a breakpoint of the prescribed motion. BDF2 damps modes faster than the step, as backward Euler does,
-and is of second order: at 1 m/s, where inertia governs sliding, the same error takes a tenth of the steps.
+A step that Newton's method or the error estimate rejects is shortened; step lengths grow again afterwards. No step crosses a
+breakpoint of the prescribed motion. BDF2 damps modes faster than the step, as backward Euler does, and is of second order. Each
+body of an island keeps its own BDF2 weights; the step is that of the body that needs the shortest one.
 
-Each body of an island keeps its own BDF2 weights, so an island can form from bodies whose last steps differ. The step is that of
-the body that needs the shortest one.
-
-In an ensemble a body has rows for all its candidates, and for its spheres, only while it is advanced. Between two calls there are
-rows of closed contacts only, of a batch of bodies one after the other. The rows of one body stay in the first cache until its
-closed ones are written back.
+In an ensemble a body has rows for all its candidates, and for its spheres, only while it is advanced; else rows of closed
+contacts, of a batch of bodies one after the other. The rows of one body stay in the first cache until its closed ones are written
+back.
 """
 
 import math
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 from numba import njit, types
@@ -27,7 +23,7 @@ from thirdbody.kernels.bodies import place_as_it_is
 from thirdbody.kernels.implicit import books, control, workspace
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
 from thirdbody.kernels.implicit.control import Stop
-from thirdbody.kernels.implicit.newton import Outcome, solve_island
+from thirdbody.kernels.implicit.newton import NewtonOutcome, solve_island
 from thirdbody.kernels.implicit.residual import MAX_ROTATION, measure_arm, save_start
 from thirdbody.kernels.implicit.workspace import ADVANCE, KINDS, STAGE, ImplicitContext, body_at, call_part, context_of, space_at
 from thirdbody.kernels.memory import CLOSED, compact, expand, keep
@@ -56,7 +52,6 @@ def common_length(context, island, time, end):
 
 @njit(**BARE)
 def begin_steps(motion, context, island, scratch):
-    """Set the weights of a step of all bodies and the loads of their patches at its end, and predict the end."""
     P, rows, first, dt = context.P, context.schedule, context.first, motion.dt
     driven, loaded = first[schedule.GAP + 1] > first[schedule.GAP], first[schedule.LOAD + 1] > first[schedule.LOAD]
     for a in range(island.n):
@@ -100,8 +95,7 @@ def assess_island(m, converged, motion, context, island, scratch):
 
 @njit(**BARE_CHUNK)
 def accept_island(m, motion, common, ended, context, island, scratch):
-    """Accept the step of all bodies and of the m contacts between them, and update the labeller's memory of the bodies. `common`:
-    see `accept_step.update_ledger`; `ended`: see `control.close_step`."""
+    """Accept the step of all bodies and of the m contacts between them. `ended`: see `control.close_step`."""
     observe = observe_bodies_at(context.observe_bodies)
     for a in range(island.n):
         accept_step(context, body_at(a, island), scratch.counts[a], motion, common, space_at(a, scratch))
@@ -117,7 +111,6 @@ def accept_island(m, motion, common, ended, context, island, scratch):
 
 @njit(**BARE_CHUNK)
 def step(until, context, island, scratch):
-    """Make one step of an island, shortened until it is accepted; set the codes of its bodies if they have to stop."""
     V, time = context.settings, context.totals[body_at(0, island), run_totals.TIME]
     end = control.next_breakpoint(time, context, until)
     if end - time < V[step_settings.SHORTEST]:
@@ -142,23 +135,23 @@ def step(until, context, island, scratch):
             b = body_at(a, island)
             context.memory[b, step_memory.TRIES] += 1.0
             context.memory[b, step_memory.ITERATIONS] += iterations
-        converged = outcome == Outcome.SOLVED
+        converged = outcome == NewtonOutcome.SOLVED
         error, rotation, landing = assess_island(m, converged, motion, context, island, scratch)
         if converged and error <= 1.0 and rotation <= MAX_ROTATION:
             break
         cuts += 1
         limit = control.why_cut(landing, converged, error, rotation)
         dt *= control.reduction_factor(converged, error, rotation)
-        if outcome == Outcome.CROWDED or dt < V[step_settings.SHORTEST]:
+        if outcome == NewtonOutcome.CROWDED or dt < V[step_settings.SHORTEST]:
             for a in range(island.n):
-                code = control.Stop.CROWDED if outcome == Outcome.CROWDED else control.Stop.UNSOLVED
+                code = control.Stop.CROWDED if outcome == NewtonOutcome.CROWDED else control.Stop.UNSOLVED
                 context.memory[body_at(a, island), step_memory.CODE] = np.int64(code)
                 reject_step(context, body_at(a, island), space_at(a, scratch))
             return
     accept_island(m, motion, False, (end, whole, cuts), context, island, scratch)
     for a in range(island.n):
         T = context.memory[body_at(a, island)]
-        if whole and control.is_breakpoint(time, context, end):
+        if whole and control.next_breakpoint(time, context, np.inf) <= end:
             T[step_memory.LAST_DT], T[step_memory.JUMPED] = 0.0, 0.0  # differences across a breakpoint are invalid
         T[step_memory.LIMITED + limit] += 1.0
         control.set_next_dt(T, V[step_settings.GROWTH], dt, error, iterations <= control.EASY, cuts > 0, limit)
@@ -166,9 +159,8 @@ def step(until, context, island, scratch):
 
 @entry(workspace.ADVANCE, nogil=True, **OPTIONS, **NO_COUNTS)
 def advance_islands(first, last, until, tries, packed, tables, packed_scratch):
-    """Advance the islands `order[first:last]` in sequence to the time `until` [s], with individual time steps. An island stops
-    after `tries` trial steps; the next call continues it bit for bit. A body stopped by a guard has its code in `memory`
-    (step_memory.CODE) and stays at the end of its last step. Threads may advance different islands at once."""
+    """Advance the islands `order[first:last]` in sequence to the time `until` [s], each with at most `tries` trial steps; the
+    next call continues it bit for bit. A body stopped by a guard stays at the end of its last step."""
     context, islands, scratch = workspace.unpack(packed, tables, packed_scratch)
     for p in range(first, last):
         island, going = workspace.island_at(islands.order[p], islands), True
@@ -197,23 +189,12 @@ changing_context_of = make_unpacker(Unpacked(KINDS, ImplicitContext, changing=Tr
 advance_at = function_at(ADVANCE)
 
 
-class Span(NamedTuple):
-    """Bodies `first` to `last` - 1 of a batch, of which `low` to `high` - 1 are advanced; address of `driver.advance_islands`."""
-
-    first: int
-    last: int
-    low: int
-    high: int
-    advance: int
+Span = namedtuple("Span", "first last low high advance")
+"""Bodies `first` to `last` - 1 of a batch, of which `low` to `high` - 1 are advanced; address of `driver.advance_islands`."""
 
 
-class OneBody(NamedTuple):
-    """Tables with room for the candidates and the spheres of any body; radii of all spheres, or none where spheres are kept."""
-
-    H: np.ndarray
-    R: np.ndarray
-    S: np.ndarray
-    radii: np.ndarray
+OneBody = namedtuple("OneBody", "H R S radii")
+"""Tables with room for the candidates and the spheres of any body; radii of all spheres, or none where spheres are kept."""
 
 
 @njit(**BARE)
@@ -230,9 +211,8 @@ SPAN, ONE_BODY = types.NamedUniTuple(_LONG, 5, Span), types.NamedTuple((_TABLE, 
     _LONG(SPAN, types.float64, types.float64, PACKED, PACKED, PACKED, types.UniTuple(CLOSED, 2), ONE_BODY), nogil=True, **DIRECT
 )
 def advance_batch(span, until, tries, packed, tables, packed_scratch, contacts, one):
-    """Advance bodies of a batch as `driver.advance_islands`; write its closed contacts, and return their number. `packed`: a
-    packed `ImplicitContext`, in which the addresses of the tables of one body are changed; `one`: these tables; `contacts`:
-    closed ones before, and tables with room for all candidates of the batch."""
+    """Advance bodies of a batch; write its closed contacts, and return their number. `packed`: an `ImplicitContext`, in which the
+    addresses of the tables of `one` body are changed; `contacts`: closed ones before, and room for all candidates."""
     closed, new = contacts
     context, n_closed = context_of(packed), np.int64(closed.on.shape[0])
     begin, p, written = context.plate_edges[span.first], np.int64(0), np.int64(0)

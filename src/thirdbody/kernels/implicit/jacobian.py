@@ -1,14 +1,13 @@
 """Linear equations of an island: Jacobian of the residuals (`residual`), of each body with its plates, and of contacts between
 bodies; Gaussian elimination with row pivots. Contacts with curved surfaces and between bodies are added by `add_curved`
-(`contact` has the theory): all changes are linear in the displacements of surface and centre, so that their responses along three
-axes give all coordinates.
+(`contact` has the theory): responses along three axes give all coordinates.
 
 The entry in row i and column j is A[i step + j + offset]. Seven equations of one body are dense: step 7, offset 0. Those of
 several bodies are a band: row i holds the columns from i - w to i + 2 w, side by side, of which exchanged rows need the last w;
 step 3 w, offset w: 3 w + 1 columns. Not LAPACK, which would start threads of its own from each thread of a kernel.
 """
 
-from typing import NamedTuple
+from collections import namedtuple
 
 from numba import njit
 
@@ -17,7 +16,7 @@ from thirdbody.jit.options import BARE
 from thirdbody.kernels import plates
 from thirdbody.kernels.arguments import LAW
 from thirdbody.kernels.contact_geometry import padded
-from thirdbody.kernels.implicit.contact import PLANE, Vector, add_plane, cross, dot, plate_contact, product, scaled_sum
+from thirdbody.kernels.implicit.contact import PLANE, add_plane, cross, dot, plate_contact, product, scaled_sum
 from thirdbody.kernels.implicit.residual import inertia_of
 from thirdbody.kernels.implicit.workspace import FREEDOMS, STAGE, body_at, call_part, space_at
 from thirdbody.kernels.step_tables import step_start
@@ -44,7 +43,7 @@ def give_springs(m, context, tile):
 @njit(**BARE)
 def assemble_body(a, m, coupled, motion, context, island, scratch):
     """Write the Jacobian (49,) [N/m] of the residual of the body at position a, for its m contacts with plates. A patch of
-    prescribed height has no equation, unless `coupled`: then derivatives with respect to its height are included."""
+    prescribed height has no equation, unless `coupled`."""
     b, space, dt, poses = body_at(a, island), space_at(a, scratch), motion.dt, context.orientations
     p, Z, P, J = context.patch[b], space.start, context.P, space.jacobian
     give_springs(m, context, space)
@@ -84,8 +83,7 @@ def assemble_body(a, m, coupled, motion, context, island, scratch):
 
 @njit(**BARE)
 def assemble(m, coupled, motion, context, island, scratch):
-    """Write the Jacobian of the island, with m contacts between its bodies, to `band`; of one body alone only its own. `coupled`:
-    see `assemble_body`; then also that of one body is a band."""
+    """Write the Jacobian of the island, with m contacts between its bodies, to `band`; of one not `coupled` body its own only."""
     n, w, J = island.n, island.half_width, scratch.band
     for a in range(n):
         assemble_body(a, scratch.counts[a], coupled, motion, context, island, scratch)
@@ -133,8 +131,7 @@ def factorise(A, pivots, n, w, step, offset):
 
 @njit(**BARE)
 def substitute(A, pivots, r, n, w, step, offset):
-    """Overwrite r with the solution x of A x = -r, where A and `pivots` are from `factorise`. Column by column, so that the sums
-    of all rows advance side by side."""
+    """Overwrite r with the solution x of A x = -r, A from `factorise`; by columns: the sums of all rows advance side by side."""
     for c in range(n):
         p = pivots[c]
         r[c], r[p] = r[p], r[c]
@@ -150,7 +147,6 @@ def substitute(A, pivots, r, n, w, step, offset):
 
 @njit(**BARE)
 def factorise_jacobian(coupled, island, scratch):
-    """Overwrite the Jacobian of the island with its factors; False if it is singular. `coupled`: see `assemble`."""
     n, w = island.n, island.half_width
     if n == 1 and not coupled:
         return factorise(scratch.jacobian[0], scratch.pivots, FREEDOMS, FREEDOMS - 1, FREEDOMS, 0)
@@ -159,7 +155,6 @@ def factorise_jacobian(coupled, island, scratch):
 
 @njit(**BARE)
 def solve_correction(coupled, island, scratch):
-    """Solve for the corrections of all bodies at the residual with the factors of a Jacobian."""
     n, w, x = island.n, island.half_width, scratch.solution
     for a in range(n):
         for k in range(FREEDOMS):
@@ -173,12 +168,9 @@ def solve_correction(coupled, island, scratch):
             space_at(a, scratch).correction[k] = x[FREEDOMS * a + k]
 
 
-class Response(NamedTuple):
-    """How a contact answers a small motion."""
-
-    force: Vector  # change of the force on the owner, opposite to that on a partner that is a body
-    torque: Vector  # change of the torque on the owner, about its centre of mass
-    back: Vector  # change of the torque on the partner, about its own
+Response = namedtuple("Response", "force torque back")
+"""How a contact answers a small motion: changes of the force on the owner, opposite to that on a partner that is a body, and of
+the torques on owner and partner, each about its own centre of mass."""
 
 
 @njit(**BARE)
@@ -231,7 +223,6 @@ def to_spin(contact):
 
 @njit(**BARE)
 def combined(x, a, y, b, z, c):
-    """Return the response x a + y b + z c."""
     force, torque = scaled_sum(x, a.force, y, b.force, z, c.force), scaled_sum(x, a.torque, y, b.torque, z, c.torque)
     return Response(force, torque, scaled_sum(x, a.back, y, b.back, z, c.back))
 
@@ -260,8 +251,8 @@ def add_curved(contact, J, step, offset):
 
 @njit(**BARE)
 def add_side(side, sign, responses, contact, J, step, offset):
-    """Add the responses to the coordinates of the body of a side; `sign`: 1 owner, -1 partner. A displacement of a body moves
-    surface and centre alike, a rotation w by w x r and w x a; it turns the frame, and the arm."""
+    """Add the responses to the coordinates of the body of a side; `sign`: 1 owner, -1 partner. A displacement moves surface and
+    centre alike, a rotation w by w x r and w x a; it turns the frame, and the arm."""
     (n, e, g), (xx, xy, yx, yy, _, _) = contact.frame, contact.rolling_tangent
     of_owner, of_partner = max(sign, 0.0), max(-sign, 0.0)
     pull = scaled_sum(1.0, contact.force, -0.5 * contact.energy, contact.gradient, 0.0, n)

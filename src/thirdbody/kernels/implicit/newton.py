@@ -5,8 +5,8 @@ the root of the sum of squares, each over the forces that act on the body at the
 """
 
 import math
+from collections import namedtuple
 from enum import IntEnum
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -24,8 +24,7 @@ from thirdbody.kernels.tile import TILE, geometry, law_input, law_output
 
 CONVERGED, ACCEPTED = 1e-9, 1e-6
 """Tolerances of the residual over the sum of all forces: for convergence, and where the iteration stagnates at corners of the
-laws. Where all contacts slip, only inertia resists, and the remaining residual moves the body: 1e-9 keeps that motion below the
-error of a step."""
+laws. Where all contacts slip, 1e-9 keeps the motion by the remaining residual below the error of a step."""
 
 ROUNDING = 1e-15  # relative rounding error of heights; its effect on the contact forces is not counted as residual
 
@@ -46,28 +45,19 @@ AT_LIMIT, BACK = 1.0 - 1e-9, 0.05
 which a correction may reverse it."""
 
 
-class Patience(NamedTuple):
-    """Maximum iterations, corrections accepted although the residual grows, and halvings of one correction.
-
-    Beyond the iterations two half steps are cheaper. Where contacts change between stick and slip, Newton's method has to
-    overshoot to reach the other branch.
-    """
-
-    iterations: int
-    leaps: int
-    halvings: int
+IterationLimits = namedtuple("IterationLimits", "iterations leaps halvings")
+"""Maximum iterations, beyond which two half steps are cheaper; corrections accepted although the residual grows, where contacts
+change between stick and slip; and halvings of one correction."""
 
 
-ALONE = Patience(10, 4, 0)
+ALONE = IterationLimits(10, 4, 0)
 """Of one body. Halving instead of leaping: of 1000 clumps that slide 100 um half as many steps fail without, in a third fewer
 evaluations."""
 
-TOGETHER = Patience(16, 2, 1)  # of several bodies: more iterations, since a shorter step is one of all of them
+TOGETHER = IterationLimits(16, 2, 1)  # of several bodies: more iterations, since a shorter step is one of all of them
 
 
-class Outcome(IntEnum):
-    """Outcomes of `solve_island`."""
-
+class NewtonOutcome(IntEnum):
     SOLVED = 0
     UNSOLVED = 1
     CROWDED = 2  # A body has more contacts than a tile holds
@@ -83,7 +73,6 @@ def euclidean_norm(r):
 
 @njit(**BARE)
 def effect_size(b, E):
-    """Return the sum of the sizes of the components of the effects' force on body b [N]."""
     if not has_effect_columns(E):
         return 0.0
     return abs(E[b, body_extra.EFFECT_FORCE]) + abs(E[b, body_extra.EFFECT_FORCE + 1]) + abs(E[b, body_extra.EFFECT_FORCE + 2])
@@ -91,8 +80,8 @@ def effect_size(b, E):
 
 @njit(**BARE)
 def rounding_force(context, b, alone, space):
-    """Return the residual [N] caused by rounding of coordinates: overlaps are small differences of them. Contacts with planes
-    feel heights, those with rough plates the place by the slope, those between bodies all coordinates."""
+    """Return the residual [N] caused by rounding of coordinates. Contacts with planes feel heights, those with rough plates the
+    place by the slope, those between bodies all coordinates."""
     B, diagnostics = context.B, space.diagnostics
     far = abs(B[b, body.POSITION + 2])
     if not alone:
@@ -112,9 +101,8 @@ def rounding_force(context, b, alone, space):
 
 @njit(**BARE)
 def is_balanced(context, b, dt, fraction, minimum, space):
-    """Return whether the residual on a body without inertia is at most `fraction` of its own forces; True with inertia. Without
-    forces on its patch: else a body that touches neither plate would count as balanced at any velocity. The remaining residual
-    moves the body by `fraction` of a contact radius at most. `minimum`: rounding error [N]."""
+    """Return whether the residual on a body without inertia is at most `fraction` of its own forces, without those on its patch:
+    else a body that touches neither plate would count as balanced at any velocity. `minimum`: rounding error [N]."""
     if context.settings[step_settings.INERTIAL] != 0.0:
         return True
     Z, square = space.start, 0.0
@@ -149,8 +137,8 @@ def evaluate(part, motion, context, island, scratch):
 
 @njit(**BARE)
 def measure(first, dt, context, island, scratch):
-    """Return the norm of the residuals, the norm that is sufficient, and whether all bodies are solved, or nearly. `first`: these
-    are the first ones of the step, whose forces are the scale."""
+    """Return the norm of the residuals, the norm that is sufficient, and whether all bodies are solved, or nearly. The forces of
+    the `first` ones of a step are the scale."""
     square, smallest, solved, nearly, alone = 0.0, 1e300, True, True, island.n == 1
     P, per_square = context.P, 1.0 / (dt * dt)
     for a in range(island.n):
@@ -191,16 +179,15 @@ def effects_on(context, island):
 
 @njit(**BARE)
 def displacement(x, per_arm, r, upper):
-    """Return the displacement (3,) [m] relative to its plate of the point r (3,) of the body by the correction x of its
-    coordinates; `per_arm`: one over the arm of the body [1/m]."""
+    """Return the displacement (3,) [m] relative to its plate of the point r (3,) of the body by the correction x."""
     u_x, u_y = x[0] + (x[4] * r[2] - x[5] * r[1]) * per_arm, x[1] + (x[5] * r[0] - x[3] * r[2]) * per_arm
     return u_x, u_y, x[2] + (x[3] * r[1] - x[4] * r[0]) * per_arm - (x[6] if upper else 0.0)
 
 
 @njit(**BARE)
 def limit_overlap_change(context, b, expected_overlap, space):
-    """Return the fraction of the correction for which overlaps change by at most OVERLAP_GROWTH `expected_overlap` [m]. Limited
-    are contacts that sink in, and the deepest contact of each plate, which must not open."""
+    """Return the fraction of the correction for which overlaps change by at most OVERLAP_GROWTH `expected_overlap` [m]: of
+    contacts that sink in, and of the deepest one of each plate, which must not open."""
     x, per_arm = space.correction, 1.0 / space.start[step_start.ARM]
     arc = math.sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5])
     rotation = arc * per_arm
@@ -230,7 +217,6 @@ def limit_overlap_change(context, b, expected_overlap, space):
 
 @njit(**BARE)
 def is_slipping(q, O):  # noqa: E741
-    """Return whether contact q is at the friction limit."""
     limit = O[law_output.FRICTION_LIMIT * TILE + q]
     t_x, t_y = O[law_output.TANGENTIAL_X * TILE + q], O[law_output.TANGENTIAL_Y * TILE + q]
     return not t_x * t_x + t_y * t_y < AT_LIMIT * limit * limit
@@ -238,9 +224,9 @@ def is_slipping(q, O):  # noqa: E741
 
 @njit(**BARE)
 def limit_reversal(q, moved, fraction, tile):
-    """Return the fraction, at most `fraction`, of the correction, which moves contact q by `moved` (3,) [m], that does not
-    reverse its slip, and ends just inside the friction limit. Between the two slip directions a contact sticks. Where all others
-    slip, that is often the solution, which a full correction jumps over."""
+    """Return the fraction, at most `fraction`, of the correction, which moves contact q by `moved` (3,) [m], that ends just
+    inside the friction limit: between two slip directions a contact sticks. That is often the solution, which a full one jumps
+    over."""
     I, (_, e, g) = tile.inputs, frame_of(q, tile.geometry)  # noqa: E741
     s_x, s_y = I[law_input.SLIP_X * TILE + q], I[law_input.SLIP_Y * TILE + q]
     size, back = math.sqrt(s_x * s_x + s_y * s_y), -(dot(moved, e) * s_x + dot(moved, g) * s_y)
@@ -250,7 +236,6 @@ def limit_reversal(q, moved, fraction, tile):
 
 @njit(**BARE)
 def limit_slip_reversal(context, m, fraction, space):
-    """Return the fraction, at most `fraction`, of the correction that reverses no slip on plates."""
     per_arm, G = 1.0 / space.start[step_start.ARM], space.geometry
     for q in range(m):
         relieved = context.spots_part != 0 and G[geometry.RELIEF * TILE + q] >= space.inputs[law_input.OVERLAP * TILE + q]
@@ -265,7 +250,6 @@ def limit_slip_reversal(context, m, fraction, space):
 
 @njit(**BARE)
 def limited_part(m, motion, context, island, scratch):
-    """Return the fraction of the corrections that is tried first."""
     fraction = 1.0
     for a in range(island.n):
         space = space_at(a, scratch)
@@ -282,9 +266,8 @@ def limited_part(m, motion, context, island, scratch):
 @njit(**BARE_CHUNK)
 def solve_island(motion, context, island, scratch):
     """Solve for the coordinates of all bodies of an island, from a guess; return outcome, contacts between bodies, iterations.
-    Where the residual contracts, the factors of the last Jacobian tell whether the next correction is negligible; where it is
-    expected to be the last one, they also give it."""
-    patience = ALONE if island.n == 1 else TOGETHER
+    Where the residual contracts, the factors of the last Jacobian tell whether the next correction is negligible, or give it."""
+    limits = ALONE if island.n == 1 else TOGETHER
     size, part, whole, halvings, leaps, iterations, effects, m = 1e300, 0.0, 0.0, 0, 0, 0, 0.0, np.int64(0)
     for a in range(island.n):
         for k in range(FREEDOMS):
@@ -292,29 +275,29 @@ def solve_island(motion, context, island, scratch):
     while True:
         m = evaluate(part, motion, context, island, scratch)
         if m < 0:
-            return Outcome.CROWDED, m, iterations
+            return NewtonOutcome.CROWDED, m, iterations
         now, enough, solved, nearly = measure(size == 1e300, motion.dt, context, island, scratch)
         if not now < 1e300:
-            return Outcome.UNSOLVED, m, iterations
+            return NewtonOutcome.UNSOLVED, m, iterations
         better = solved or now < (1.0 - 1e-4 * part) * size
-        if not better and halvings < patience.halvings:
+        if not better and halvings < limits.halvings:
             halvings, part = halvings + 1, 0.5 * part
             continue
-        if not better and halvings == patience.halvings and leaps < patience.leaps:
+        if not better and halvings == limits.halvings and leaps < limits.leaps:
             leaps += 1
-            better = patience.halvings == 0
+            better = limits.halvings == 0
             if not better:  # the whole correction, after all
                 halvings, part = halvings + 1, whole
                 continue
-        better = better or halvings > patience.halvings
+        better = better or halvings > limits.halvings
         for a in range(island.n):
             for k in range(FREEDOMS):
                 space_at(a, scratch).y[k] = space_at(a, scratch).trial[k]
         if solved:
-            return Outcome.SOLVED, m, iterations
-        if not better or iterations == patience.iterations:
+            return NewtonOutcome.SOLVED, m, iterations
+        if not better or iterations == limits.iterations:
             # laws with corners do not converge to the last digits
-            return (Outcome.SOLVED if nearly else Outcome.UNSOLVED), m, iterations
+            return (NewtonOutcome.SOLVED if nearly else NewtonOutcome.UNSOLVED), m, iterations
         contracts = iterations > 0 and part == 1.0 and now <= CONTRACTS * size
         last = contracts and now * now <= enough * size
         constant, effects = effects == effects_on(context, island), effects_on(context, island)
@@ -327,11 +310,11 @@ def solve_island(motion, context, island, scratch):
                 balanced = euclidean_norm(space.residual) <= SETTLED_FORCE * scratch.scales[a, 0]
                 settled = settled and balanced and euclidean_norm(space.correction) <= allowed
             if settled:
-                return Outcome.SOLVED, m, iterations
+                return NewtonOutcome.SOLVED, m, iterations
         if not last:
             assemble(m, False, motion, context, island, scratch)
             if not factorise_jacobian(False, island, scratch):
-                return Outcome.UNSOLVED, m, iterations
+                return NewtonOutcome.UNSOLVED, m, iterations
         solve_correction(False, island, scratch)
         size, halvings, iterations = now, 0, iterations + 1
         part = whole = 1.0 if last else limited_part(m, motion, context, island, scratch)

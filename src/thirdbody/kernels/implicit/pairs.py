@@ -1,14 +1,12 @@
 """Contacts between the bodies of an island in an implicit step: the part `pairs_part` of a step (`workspace.PART`).
 
-A contact acts on the body of its owner with a force, and on that of its partner with the opposite one. Geometry, slip and history
-are those of the explicit integrator (`contact_geometry`). Its answers: the number of contacts after GATHER; the largest fraction
-of the correction, given and returned, at LIMIT; the largest angle by which a normal turns in half a step, and whether a contact
-closed, at ERRORS.
+Its answers: the number of contacts after GATHER; the largest fraction of the correction, given and returned, at LIMIT; the
+largest angle by which a normal turns in half a step, and whether a contact closed, at ERRORS.
 
 Each body gets half of what friction and dashpots dissipate in a contact. What the forces of a contact do on its two bodies, less
 the energy that it stores and dissipates, is the loss of the integrator (`accept_step.update_ledger`); each body gets the part
 that it has in that work. Work that a contact hands on from one body to the other is that of the mean of its forces at both ends
-of the step, as is the work of the plates: else what rolling bodies exchange would count as lost by one and created by the other.
+of the step: else what rolling bodies exchange would count as lost by one and created by the other.
 """
 
 import math
@@ -18,7 +16,7 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, POINTED, entry
 from thirdbody.kernels.books import normal_loss_of
-from thirdbody.kernels.contact_geometry import SPARE, gather_pair_contacts, pair_geometry, slip_increment, transport_frames
+from thirdbody.kernels.contact_geometry import SPARE, gather_pair_contacts, pair_overlap, slip_increment, transport_frames
 from thirdbody.kernels.explicit.contact_forces import BODY_FRACTION
 from thirdbody.kernels.implicit import books, contact, newton
 from thirdbody.kernels.implicit.contact import NOWHERE, contact_point, cross, dot, vector_at
@@ -30,19 +28,7 @@ from thirdbody.kernels.rolling_kinematics import has_moments, has_twist
 from thirdbody.kernels.step_tables import step_contacts, step_memory, step_settings, step_start
 from thirdbody.kernels.tables import body, body_extra, record, run_totals, sphere
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output
-from thirdbody.kernels.vectors import box_of, image
-
-
-@njit(**BARE)
-def pair_overlap(k, context, box):
-    """Return the overlap of candidate k, a pair of spheres [m], negative: a gap; and the unit normal from partner to owner."""
-    S, i, j = context.S, context.own[k], context.partner[k]
-    x = image(S[i, sphere.X] - S[j, sphere.X], box.length_x, box.inverse_x)
-    y = image(S[i, sphere.Y] - S[j, sphere.Y], box.length_y, box.inverse_y)
-    z = S[i, sphere.Z] - S[j, sphere.Z]
-    distance = math.sqrt(x * x + y * y + z * z)
-    inverse = 1.0 / max(distance, 1e-300)
-    return S[i, sphere.RADIUS] + S[j, sphere.RADIUS] - distance, (x * inverse, y * inverse, z * inverse)
+from thirdbody.kernels.vectors import box_of
 
 
 @njit(**BARE)
@@ -54,7 +40,6 @@ def ends_of(k, context, island):
 
 @njit(**BARE)
 def partner_point(q, j, S, G):
-    """Return the point of contact q on its partner, sphere j, from the centre of mass of the partner's body (3,) [m]."""
     n, a = vector_at(q, geometry.NORMAL, G), G[q + geometry.PARTNER_ARM * TILE]
     return S[j, sphere.ARM] + a * n[0], S[j, sphere.ARM + 1] + a * n[1], S[j, sphere.ARM + 2] + a * n[2]
 
@@ -89,8 +74,7 @@ def evaluate_pairs(context, island, motion, scratch):
         (tile, n), slots = pair_tile(t, m, scratch), scratch.pair_slots[t]
         for e in range(n, n + SPARE):
             slots[e] = slots[n - 1]  # read ahead
-        gather_pair_contacts(n, slots, context, tile)
-        pair_geometry(n, motion.dt, box, tile)
+        gather_pair_contacts(n, slots, motion.dt, box, context, tile)
         transport_frames(n, motion.dt, tile)
         slip_increment(n, motion.dt, tile)
         for q in range(n):
@@ -115,7 +99,6 @@ def evaluate_pairs(context, island, motion, scratch):
 
 @njit(**BARE)
 def relative_move(a, point, b, other_point, scratch):
-    """Return the displacement (3,) [m] by the correction of a point of the body at position a relative to one of that at b."""
     one, other = space_at(a, scratch).correction, space_at(b, scratch).correction
     per_a, per_b = 1.0 / scratch.starts[a, step_start.ARM], 1.0 / scratch.starts[b, step_start.ARM]
     moved, behind = newton.displacement(one, per_a, point, False), newton.displacement(other, per_b, other_point, False)
@@ -124,7 +107,6 @@ def relative_move(a, point, b, other_point, scratch):
 
 @njit(**BARE_CHUNK)
 def limit_pairs(context, island, m, fraction, scratch):
-    """Return the fraction, at most `fraction`, of the correction by which no pair sinks in too far and no slip reverses."""
     S, expected, box = context.S, context.settings[step_settings.EXPECTED_OVERLAP], box_of(context.D)
     for e in range(island.n_pairs):
         k = pair_at(e, island)
@@ -147,7 +129,6 @@ def limit_pairs(context, island, m, fraction, scratch):
 
 @njit(**BARE_CHUNK)
 def add_tangents(m, dt, context, island, scratch):
-    """Add the m contacts between bodies to the band."""
     S, w = context.S, np.int64(island.half_width)
     for t in range((m + TILE - 1) // TILE):
         (tile, n), G = pair_tile(t, m, scratch), scratch.pair_geometry[t]
@@ -177,7 +158,6 @@ def pair_opening_work(k, context, motion):
 
 @njit(**BARE_CHUNK)
 def pair_work_errors(context, island, m, motion, scratch):
-    """Write the errors of the friction work of m contacts between bodies, and the energy that they can store, to both bodies."""
     for a in range(island.n):
         scratch.errors[a, 0], scratch.errors[a, 1] = 0.0, 0.0
     p = np.int64(0)
@@ -225,7 +205,6 @@ def works_of_old(k, a, b, context, scratch):
 
 @njit(**BARE)
 def add_losses(b, friction, damped, lost, context):
-    """Add to the totals of a body its part of what friction and dashpots dissipated in a contact, and `lost` [J]."""
     A = context.totals[b]
     A[run_totals.FRICTION_WORK] += BODY_FRACTION * friction
     A[run_totals.DAMPING_WORK] += BODY_FRACTION * damped
@@ -235,7 +214,6 @@ def add_losses(b, friction, damped, lost, context):
 
 @njit(**BARE_CHUNK)
 def accept_pairs(context, island, m, motion, scratch):
-    """Accept the m contacts between bodies, after the step of the bodies themselves was accepted."""
     smooth, p = True, np.int64(0)
     for a in range(island.n):  # forces jump on no body: what is dissipated is the work of their mean (`weight_of_old`)
         smooth = smooth and scratch.starts[a, step_start.OLD_WEIGHT] > 0.0
@@ -282,7 +260,6 @@ def accept_pairs(context, island, m, motion, scratch):
 
 @entry(PART, **POINTED, **NO_COUNTS)
 def pairs_part(stage, h, _, m, motion, context, islands, scratch):
-    """Do what a stage of a step requires for the contacts between the bodies of island h, m of them once they are gathered."""
     island = island_at(h, islands)
     if stage == STAGE.START:
         for e in range(island.n_pairs):

@@ -18,7 +18,7 @@ from thirdbody.kernels import plates
 from thirdbody.kernels.arguments import EFFECTS, LAW, Motion
 from thirdbody.kernels.bodies import BodyMotion, place_body, quaternion
 from thirdbody.kernels.contact_geometry import gather_plate_contact, padded, slip_increment, transport_frames
-from thirdbody.kernels.implicit.contact import closed_fraction, contact_force, contact_moment, contact_point, depth_at
+from thirdbody.kernels.implicit.contact import closed_fraction, contact_force, contact_moment, contact_point, depth_at, product
 from thirdbody.kernels.implicit.workspace import FREEDOMS, STAGE, body_at, call_part, last_candidate, space_at, update_rough
 from thirdbody.kernels.plates import is_upper
 from thirdbody.kernels.rolling_kinematics import gather_rolling, has_moments, has_twist
@@ -34,7 +34,6 @@ MAX_ROTATION = 0.05  # largest rotation in a step [rad]: slip is computed for ro
 
 @njit(**BARE)
 def measure_arm(context, b, space):
-    """Store the distance of the farthest point of the body from its centre of mass: it holds for all its steps."""
     radius, offsets = 0.0, context.offsets
     for s in range(context.start[b], context.start[b + 1]):
         square = offsets[s, 0] ** 2 + offsets[s, 1] ** 2 + offsets[s, 2] ** 2
@@ -44,7 +43,6 @@ def measure_arm(context, b, space):
 
 @njit(**BARE_CHUNK)
 def save_start(a, context, island, scratch):
-    """Save the state of the body at position a and of its patch at the start of a step, and the overlaps of its candidates."""
     b, Z, B, P, E = body_at(a, island), space_at(a, scratch).start, context.B, context.P, context.E
     p, first, before = context.patch[b], context.plate_edges[b], space_at(a, scratch).before
     call_part(context.rough_part, STAGE.START, a, 0, Motion(0.0, 0.0, 0.0), context, island, scratch)
@@ -65,7 +63,6 @@ def save_start(a, context, island, scratch):
 
 @njit(**BARE)
 def set_configuration(context, b, y, dt, space):
-    """Move the body, its spheres and its patch to the end of the step, with mean and end velocities."""
     p, Z, T, B, P = context.patch[b], space.start, context.memory[b], context.B, context.P
     inverse, per_arm, before = 1.0 / dt, 1.0 / Z[step_start.ARM], step_memory.LAST_COORDINATES
     now, last = Z[step_start.NOW] * inverse, Z[step_start.BEFORE] * inverse
@@ -102,16 +99,7 @@ def inertia_of(b, E, orientations):
 
 
 @njit(**BARE)
-def momentum_of(b, context):
-    """Return the angular momentum (3,) [kg m2/s] in world axes from spin and orientation."""
-    xx, yy, zz, xy, xz, yz = inertia_of(b, context.E, context.orientations)
-    x, y, z = plates.three(context.B, b, body.SPIN)
-    return xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
-
-
-@njit(**BARE)
 def active_contacts(a, motion, context, island, scratch):
-    """Gather the contacts with plates of the body at position a, in the trial; return their number, -1: too many."""
     b, space = body_at(a, island), space_at(a, scratch)
     slots, first = space.slots, context.plate_edges[b]
     # the mean velocity of the step, where `gather_plate_contact` takes that of the patch at its end
@@ -141,7 +129,7 @@ def active_contacts(a, motion, context, island, scratch):
 @njit(**BARE)
 def complete_contact(q, k, before, weight, motion, context, tile):
     """Gather the rotation of contact q, candidate k; scale slip, rotation and travel where it closes within the step. `before`:
-    `depth_at` its start [m]; `weight` of the change in this step in the rate of change at its end (`step_start.NOW`)."""
+    `depth_at` its start [m]; `weight`: `step_start.NOW`."""
     I, at = tile.inputs, (law_input.HISTORY + context.n_history) * TILE + q  # noqa: E741
     if context.rolling > 0:
         gather_rolling(q, k, context, motion, tile)
@@ -162,7 +150,6 @@ def complete_contact(q, k, before, weight, motion, context, tile):
 
 @njit(**BARE)
 def observe_contact(q, k, radius, tile, diagnostics):
-    """Add contact q, candidate k, to the maxima and to the sum of normal forces of a body (`step_contacts`)."""
     O, overlap = tile.outputs, tile.inputs[law_input.OVERLAP * TILE + q]  # noqa: E741
     diagnostics[step_contacts.NORMAL_FORCE] += abs(O[law_output.NORMAL_FORCE * TILE + q])
     diagnostics[step_contacts.MAX_OVERLAP] = max(diagnostics[step_contacts.MAX_OVERLAP], overlap)
@@ -173,8 +160,7 @@ def observe_contact(q, k, radius, tile, diagnostics):
 
 @njit(**BARE)
 def residual(a, m, motion, context, island, scratch):
-    """Write the residual (7,) [N] of the body at position a and its patch with m contacts with plates, in the trial; sums and
-    maxima over the contacts to its `diagnostics`."""
+    """Write the residual (7,) [N] of the body at position a and its patch, in the trial; sums and maxima to its `diagnostics`."""
     b, space = body_at(a, island), space_at(a, scratch)
     r, diagnostics, S = space.residual, space.diagnostics, context.S
     call_part(context.spots_part, STAGE.RELIEVE, a, m, motion, context, island, scratch)
@@ -227,19 +213,19 @@ def add_force(f, point, upper, r):
 
 @njit(**BARE)
 def gradient_force(k, energy, context):
-    """Return the force (3,) [N] of candidate k on the centre of its sphere as the effective radius changes along a rough plate.
-    `energy`: of its normal spring [J]. See `contact_geometry.add_gradient_force`."""
+    """Return the force (3,) [N] on the centre of a sphere on a rough plate (`contact_geometry.add_gradient_force`)."""
     x, y, z = plates.three(context.Q, k, surface_contact.GRADIENT)
     return -0.5 * energy * x, -0.5 * energy * y, -0.5 * energy * z
 
 
 @njit(**BARE)
 def add_inertial_forces(context, b, dt, space):
-    """Subtract inertial forces from the residual; add load, dashpot, spring and inertia of the patch. Without inertia every step
-    begins at rest. A weak spring to the start position (TETHER) then makes the position of a body that slides on all its contacts
-    unique, and a fraction of the mass (MASS_FRACTION) limits jumps within a step."""
+    """Subtract inertial forces; add load, dashpot, spring and inertia of the patch. Without inertia every step begins at rest: a
+    weak spring to the start position (TETHER) makes the position of a body that slides on all its contacts unique, and a
+    fraction of the mass (MASS_FRACTION) limits jumps within a step."""
     p, Z, T, B, P, y, r = context.patch[b], space.start, context.memory[b], context.B, context.P, space.trial, space.residual
-    inertial, l_1 = context.settings[step_settings.INERTIAL], momentum_of(b, context)
+    inertial = context.settings[step_settings.INERTIAL]
+    l_1 = product(inertia_of(b, context.E, context.orientations), plates.three(B, b, body.SPIN))
     now, last = Z[step_start.NOW] / dt, inertial * Z[step_start.BEFORE] / dt
     tether, fraction = Z[step_start.TETHER_STIFFNESS], Z[step_start.MASS_FRACTION]
     for k in range(3):

@@ -30,7 +30,6 @@ STEP = 1e-4  # length of the differences, in units of a cell
 
 @njit(**BARE)
 def gradient_above(field, p_x, p_y, distance, radius):
-    """Return centre (3,) [m] and gradient of ln R_eff (3,) [1/m] of a sphere above a point of the surface, at a distance [m]."""
     jet = jet_at(field, p_x, p_y)
     n_z = 1.0 / math.sqrt(1.0 + jet.x * jet.x + jet.y * jet.y)
     normal, below = (-jet.x * n_z, -jet.y * n_z, n_z), -distance * n_z
@@ -42,9 +41,8 @@ def gradient_above(field, p_x, p_y, distance, radius):
 
 @njit(**BARE_CHUNK)
 def write_gradient_change(k, field, x, radius, upper, Q):
-    """Write the derivative of the gradient of ln R_eff with the place of the sphere into row k; x (3,): its centre. Differences
-    along the two axes of the surface and along the normal, of the point below the sphere: no closest point is searched for. With
-    displacements c_i and changes g_i it is the sum of g_i w_i, of the vectors w_i dual to c_i."""
+    """Write the derivative of the gradient of ln R_eff with the centre x (3,) into row k, by differences along both axes and the
+    normal of the point below the sphere. With displacements c_i and changes g_i it is the sum of g_i w_i, w_i dual to c_i."""
     p_x = within_period(x[0], field[height_field.LENGTH_X]) + Q[k, surface_contact.OFFSET]
     p_y = within_period(x[1], field[height_field.LENGTH_Y]) + Q[k, surface_contact.OFFSET + 1]
     h, distance = STEP / max(field[height_field.RATE_X], field[height_field.RATE_Y]), Q[k, surface_contact.DISTANCE]
@@ -72,7 +70,6 @@ FAR = 1.02
 
 @njit(**BARE)
 def moved_square(k, Q):
-    """Return how far the minimum of row k has moved in the step, squared [m2]."""
     x, y = offset_of(k, Q)
     x, y = x - Q[k, surface_contact.START], y - Q[k, surface_contact.START + 1]
     return x * x + y * y
@@ -107,7 +104,6 @@ def follow_step(k, field, x, ends, tables):
 
 @njit(**BARE_CHUNK)
 def accept_sphere(k, field, x, tables):
-    """Take the minima of the sphere whose first row is k as those at the start of the next step, after a search if one is due."""
     Q, radius, reach = tables.Q, tables.S[tables.own[k], sphere.RADIUS], tables.D[domain.REACH]
     farthest = radius * (1.0 + MARGIN) + reach
     minima.reset_ended(k, Q)
@@ -128,13 +124,14 @@ def accept_sphere(k, field, x, tables):
 
 @entry(UPDATE_MINIMA, **OPTIONS, **NO_COUNTS)
 def update_minima(stage, first, last, tables):
-    """Update the rows of candidates first to last for positions of a trial (GATHER) or at the end of a step (ACCEPT), or for the
-    last trial what the Jacobian alone needs (TANGENTS)."""
+    """Update the rows of candidates first to last in a trial (GATHER), for the Jacobian of the last one (TANGENTS), at the end of
+    a step (ACCEPT)."""
     Q, k = tables.Q, minima.next_rough(first, last, tables)
     while k < last:
         upper, i = is_upper(tables.partner[k]), tables.own[k]
         field = tables.upper if upper else tables.lower
-        x, radius = plates.to_surface(tables.partner[k], plates.centre(i, tables.S), tables.P), tables.S[i, sphere.RADIUS]
+        centre, radius = plates.three(tables.S, i, sphere.POSITION), tables.S[i, sphere.RADIUS]
+        x = plates.to_surface(tables.partner[k], centre, tables.P)
         if stage == STAGE.ACCEPT:
             accept_sphere(k, field, x, tables)
         elif stage == STAGE.GATHER and Q[k, surface_contact.MINIMA] != 0.0:
@@ -169,14 +166,11 @@ def sort_candidates(b, context):
 
 @njit(**BARE)
 def tensor_at(k, t, Q):
-    """Return the six columns from t on of candidate k: a symmetric tensor of `surface_contact`."""
     return Q[k, t], Q[k, t + 1], Q[k, t + 2], Q[k, t + 3], Q[k, t + 4], Q[k, t + 5]
 
 
 @entry(PART, **POINTED, **NO_COUNTS)
 def rough_part(stage, h, a, m, motion, context, islands, scratch):
-    """START: sort the candidates of the body at position a of island h; TANGENTS: add its m contacts, some of them with rough
-    plates, to its Jacobian."""
     b, space, Q = body_at(a, island_at(h, islands)), space_at(a, scratch), context.Q
     if stage == STAGE.START:
         sort_candidates(b, context)

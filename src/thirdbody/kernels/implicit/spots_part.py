@@ -11,7 +11,7 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, POINTED, entry
 from thirdbody.kernels import plates
-from thirdbody.kernels.close_spots import NEAR, SWEEPS, add_interaction_energy, relieve, restore, solve_body, spots_of
+from thirdbody.kernels.close_spots import NEAR, SWEEPS, Spots, add_interaction_energy, relieve, restore, solve_bodies
 from thirdbody.kernels.implicit.contact import contact_point, cross, frame_of, scaled_sum
 from thirdbody.kernels.implicit.residual import add_force
 from thirdbody.kernels.implicit.workspace import FREEDOMS, PART, STAGE, space_at
@@ -41,7 +41,6 @@ def strain_of(q, context, space):
 
 @njit(**BARE_CHUNK)
 def relieved_strains(m, context, space):
-    """Write the changes of the relieved overlaps of m contacts with the coordinates into the tile."""
     K, S, at = space.tangents, context.S, contact_tangent.RELIEVED * TILE
     for q in range(m):
         strain = strain_of(q, context, space)
@@ -73,7 +72,6 @@ def relieved_strains(m, context, space):
 
 @njit(**BARE_CHUNK)
 def add_interaction(m, context, space):
-    """Add what the interaction of the m spots in the tile changes to the Jacobian."""
     J, K = space.jacobian, space.tangents
     relieved_strains(m, context, space)
     for q in range(m):
@@ -92,10 +90,12 @@ def add_interaction(m, context, space):
 
 @entry(PART, **POINTED, **NO_COUNTS)
 def spots_part(stage, _, a, m, motion, context, islands, scratch):
-    """Do what a stage of a step requires for the m spots of the body at position a of an island."""
     space = space_at(a, scratch)
     if stage == STAGE.GATHER:
-        solve_body(m, space.slots, context, spots_of(space))
+        G, a, b = space.geometry, geometry.RELIEF * TILE, geometry.SPOT_FORCE * TILE
+        c, d = geometry.PULL * TILE, (geometry.PULL + 1) * TILE
+        spots = Spots(G[a : a + TILE], G[b : b + TILE], G[c : c + TILE], G[d : d + TILE], space.outputs)
+        solve_bodies(m, space.slots, context, spots)
     elif stage == STAGE.RELIEVE:
         relieve(m, space)
     elif stage == STAGE.RESTORE:

@@ -141,8 +141,6 @@ ADVANCE = types.void(_I, _I, types.float64, types.float64, PACKED, PACKED, PACKE
 
 
 class Stages(NamedTuple):
-    """Stages of a step for which a part is called."""
-
     START: int = 0  # the step begins
     GATHER: int = 1  # a trial: contacts are gathered, or pairs evaluated
     RELIEVE: int = 2  # spots are solved and relieved before the laws,
@@ -183,7 +181,6 @@ def make_scratch(context: Any, bodies: int, pairs: int, band: int, row: int) -> 
 
 
 def spaces_of(tables: dict[str, np.ndarray]) -> tuple[list[Any], list[Any]]:
-    """Return the `Space` of each body, and of each tile of contacts between bodies, in tables of `SCRATCH`."""
     rows, others = ("inputs", "outputs", "tangents", "geometry", "slots"), ("jacobian", "diagnostics", "sums", "starts")
     none, no_sums = np.zeros(0), np.zeros((0, contact_sums.WIDTH))
     bodies = [
@@ -194,16 +191,9 @@ def spaces_of(tables: dict[str, np.ndarray]) -> tuple[list[Any], list[Any]]:
     return bodies, [Space(*(tables[f"pair_{name}"][t] for name in rows), *[none] * 7, no_sums, none) for t in pairs]  # type: ignore[call-arg]
 
 
-class Island(NamedTuple):
-    """The island that is advanced."""
-
-    number: int
-    low: int  # where its bodies begin in the table of all
-    n: int  # number of its bodies
-    first_pair: int  # where the candidates between its bodies begin in the table of all
-    n_pairs: int  # number of these candidates
-    half_width: int  # of the band of its Jacobian
-    all: Any  # `IslandTables`
+Island = namedtuple("Island", "number low n first_pair n_pairs half_width all")
+"""An island: its number; where its n bodies begin in the table of all, and where the candidates between them; half width of the
+band of its Jacobian; `IslandTables`."""
 
 
 @njit(**BARE)
@@ -230,26 +220,22 @@ def pair_at(e, island):
 
 @njit(**BARE)
 def space_at(a, scratch):
-    """Return the scratch of the body at position a of the island."""
     return space_of(scratch.spaces[a])
 
 
 @njit(**BARE)
 def pair_tile(t, m, scratch):
-    """Return tile t of the m contacts between bodies, and the number of contacts in it."""
     return space_of(scratch.pair_spaces[t]), min(np.int64(TILE), m - t * TILE)
 
 
 @njit(**BARE)
 def call_part(part, stage, a, m, motion, context, island, scratch):
-    """Call a part of a step, if there is one, for the body at position a of the island, or for all."""
     if part != 0:
         part_at(part)(stage, island.number, np.int64(a), np.int64(m), motion, context, island.all, scratch)
 
 
 @njit(**BARE)
 def update_rough(stage, b, context):
-    """Update the closest points of all candidates of body b with rough plates, if there are any (`rough.update_minima`)."""
     if plates.is_rough(context):
         c, first, last = context, np.int64(context.plate_edges[b]), np.int64(context.plate_edges[b + 1])
         tables = RoughPlates(c.own, c.partner, c.S, c.P, c.Q, c.D, c.lower, c.upper)

@@ -4,8 +4,7 @@ Arrays are (T, TILE) or (T, k, TILE): one tile for each setting, times `repeats`
 materials, a radius and a set of options, from ordinary to extreme.
 
 A rolling law follows the same paths: its moment over R* is the tangential force, and the slip over R* is the rotation, so that
-work and power are the same and every test of a tangential law applies to a rolling law. A twisting law gets the first component
-of the slip alone.
+every test of a tangential law applies. A twisting law gets the first component of the slip alone.
 """
 
 import math
@@ -20,11 +19,10 @@ from numpy.typing import NDArray
 from thirdbody.kernels.memory import pieces
 from thirdbody.kernels.tile import TILE, law_input, law_output, rolling_input, rolling_output
 from thirdbody.laws.compose import compose
-from thirdbody.laws.contract import Law, Material, Option, Pair, kernel
-from thirdbody.laws.data import Normal
+from thirdbody.laws.contract import Law, Material, Option, Pair
 from thirdbody.laws.friction import MINDLIN
 from thirdbody.laws.generated import plain
-from thirdbody.laws.hertz import HERTZ, HertzParameters
+from thirdbody.laws.hertz import HERTZ
 
 Array = NDArray[np.float64]
 Result = tuple[bool, str]  # whether a test has passed, and a detail: the worst case, or what is wrong
@@ -56,34 +54,7 @@ TYPICAL = {
 """Value in SI for an option without a default, by its dimension; 0.1 for any other."""
 
 
-SLOPE = 20.0  # contact radius over overlap of the cone
-
-
-@kernel
-def cone(c, p):
-    """N = E* a d with a = SLOPE d, stored energy N d/3 (Sneddon 1965); pressure: the mean one, as that of the tip is infinite."""
-    a = SLOPE * c.overlap
-    force = p.e_star * a * c.overlap
-    return Normal(force, a, force * c.overlap / 3.0, 0.0, p.e_star / (math.pi * SLOPE), 2.0 * SLOPE * a)
-
-
-@kernel
-def cone_tangent(c, p):
-    """dN/dd = 2 E* a [N/m]."""
-    return 2.0 * p.e_star * SLOPE * c.overlap
-
-
-CONE = Law(
-    "cone", "normal", cone, HertzParameters, HERTZ.mix, "Sneddon 1965, International Journal of Engineering Science 3, 47",
-    tangent=cone_tangent,
-)  # fmt: skip
-"""A blunt cone, whose contact radius grows as the overlap: a law that takes the contact area from the normal law (`Load`) is
-right under it too; one that assumes a sphere is not."""
-
-
 class Setting(NamedTuple):
-    """One row of the parameter table: materials, the law's options, the contact's effective radius [m]."""
-
     label: str
     pair: Pair
     options: dict[str, Any]
@@ -149,11 +120,8 @@ class Inputs(NamedTuple):
 
 
 class Bench:
-    """One law in its place in a chain: after Hertz unless it is a normal law; a tangential dashpot after Mindlin, too.
-
-    Effective radius [m], friction and `outermost`, the overlap from which on bodies act on each other [m], are columns
-    (REPEATS * T, 1): paths of n tiles use the first n rows.
-    """
+    """One law in its place in a chain: after Hertz unless it is a normal law; a tangential dashpot after Mindlin, too. Radius,
+    friction and `outermost`, where bodies begin to act on each other [m], are columns (REPEATS * T, 1)."""
 
     def __init__(self, law: Law):
         sets = option_sets(law)
@@ -179,7 +147,6 @@ class Bench:
         return np.resize(np.array([*values], float), (REPEATS * len(self.settings), 1))
 
     def inputs(self, requested: Inputs, history: Array) -> Array:
-        """Return the tiles in the engine's layout, (T, fields, TILE)."""
         tiles, end = len(requested.overlap), law_input.HISTORY + self.width
         radius = self.radius[:tiles]
         I = np.zeros((tiles, end + rolling_input.WIDTH, TILE))  # noqa: E741
@@ -199,7 +166,6 @@ class Bench:
         return I
 
     def call(self, requested: Inputs, history: Array, law: Callable | None = None) -> tuple[Array, Array]:
-        """Return results (T, 13, TILE) by `columns.law_output`, and the new history (T, h, TILE)."""
         I = self.inputs(requested, history)  # noqa: E741
         end = law_output.HISTORY + self.width
         O = np.full((len(I), end + rolling_output.WIDTH, TILE), np.nan)  # noqa: E741
@@ -214,7 +180,6 @@ class Bench:
         return O[:, : law_output.HISTORY], memory
 
     def virgin(self, tiles: int) -> Array:
-        """Return an empty history."""
         return np.zeros((tiles, self.width, TILE))
 
     def interpreted(self) -> Callable:
@@ -240,13 +205,11 @@ class Bench:
 
 
 COMPILER_IS_OFF = plain(HERTZ.kernel) is HERTZ.kernel  # whether numba is disabled and all functions run in the interpreter
+PATHS = 1 if COMPILER_IS_OFF else REPEATS  # of each setting: thousands in all, fewer in the interpreter
 
 
 class ContactPath(NamedTuple):
-    """Piecewise straight paths from the virgin state: overlap (k, T, TILE) and slip (k, T, 2, TILE) at the corners [m].
-
-    `start`: overlap at the start, zero or (T, 1).
-    """
+    """Piecewise straight paths from the virgin state: overlap (k, T, TILE) and slip (k, T, 2, TILE) at the corners [m]."""
 
     overlap: Array
     slip: Array
@@ -280,13 +243,9 @@ def follow_path(bench: Bench, path: ContactPath, m: int) -> Iterator[Instant]:
 
 
 def random_paths(bench: Bench, corners: int, repeats: int = 1, resolved: bool = False) -> ContactPath:
-    """Random corners: overlap 1e-6 to 0.03 radii, one in eight apart; a third of the paths have their slip on a line.
-
-    Corners apart are beyond touch and, where the law has a reach, from touch to twice the reach.
-
-    The slip is scaled by the overlap, by the radius, or by the displacement at which, according to the law, a virgin contact
-    slips; only by the last if `resolved`, so that every reversal takes some twenty steps.
-    """
+    """Random corners: overlap 1e-6 to 0.03 radii, one in eight beyond touch, or to twice the reach; a third with slip on a line.
+    The slip is scaled by the overlap, the radius, or the displacement at which a virgin contact slips; only by that if
+    `resolved`."""
     rng = np.random.default_rng(SEED)
     tiles = repeats * len(bench.settings)
     lanes = (tiles, TILE)
@@ -309,40 +268,3 @@ def random_paths(bench: Bench, corners: int, repeats: int = 1, resolved: bool = 
     line = np.stack([np.cos(angle), np.sin(angle)], 1)
     on_line = np.sum(slip * line, 2, keepdims=True) * line
     return ContactPath(overlap, np.where(rng.random((tiles, 1, TILE)) < 0.3, on_line, slip))
-
-
-def closed_cycles(bench: Bench) -> ContactPath:
-    """Press, shear, change the overlap, shear back, return: with less overlap (C1) or more (C2) on the return.
-
-    On these paths the form F = k_t(d) xi creates the energy (k_1 - k_0) U^2/2 (Elata and Berryman 1996).
-    """
-    tiles = len(bench.settings)
-    rng = np.random.default_rng(SEED + 1)
-    high = bench.radius[:tiles] * 10.0 ** rng.uniform(-4.0, -2.0, (tiles, TILE))
-    low = 0.4 * high
-    overlaps, shallow = (low, low, high, high, low), (high, high, low, low, high)
-    overlap = np.where(np.arange(TILE) % 2 == 0, np.array(overlaps), np.array(shallow))
-    shear = np.minimum(bench.friction[:tiles], 1.0) * high * 10.0 ** rng.uniform(-1.5, 0.5, high.shape)
-    slip = np.zeros((5, tiles, 2, TILE))
-    slip[1:3, :, 0] = shear
-    return ContactPath(overlap, slip)
-
-
-def extremes(bench: Bench, count: int) -> list[Inputs]:
-    """Successive contacts, with every quantity drawn from zero, ordinary and absurd values."""
-    rng = np.random.default_rng(SEED + 2)
-    tiles = len(bench.settings)
-    lanes, wide, radius = (tiles, TILE), (tiles, 2, TILE), bench.radius[:tiles]
-    overlaps = np.array([0.0, 0.0, 1e-15, 1e-9, 1e-6, 1e-3, 0.1, 1.0, 10.0])
-    slips = np.array([0.0, 0.0, 1e-18, 1e-12, 1e-6, 1e-3, 1.0, 1e6])
-    fast = np.array([0.0, 0.0, 1e-12, 1e-3, 1.0, 1e4])
-
-    def signed(values: Array, shape: tuple[int, ...]) -> Array:
-        return rng.choice(values, shape) * rng.choice([-1.0, 1.0], shape)
-
-    return [
-        Inputs(
-            radius * rng.choice(overlaps, lanes), radius[:, None] * signed(slips, wide), signed(fast, lanes), signed(fast, wide)
-        )
-        for _ in range(count)
-    ]

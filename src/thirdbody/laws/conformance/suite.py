@@ -63,10 +63,8 @@ class Finding:
 
 
 def check(parts: Iterable[Any]) -> list[Finding]:
-    """Return all findings on these parts of plug-ins, in order. What raises fails the test in which it did.
-
-    A law that fails in its declaration or its parameters is not tested further, another part in any test.
-    """
+    """Return all findings on these parts of plug-ins, in order. What raises fails the test in which it did. A law that fails in
+    its declaration or its parameters is not tested further, another part in any test."""
     findings: list[Finding] = []
     for part in parts:
         findings.append(_finding(part.name, "declaration", partial(_declaration, part)))
@@ -93,19 +91,16 @@ def _finding(part: str, name: str, test: Callable[[], Result | Cases]) -> Findin
 
 
 def report(findings: Sequence[Finding]) -> str:
-    """Format the findings as a plain-text table, failures first, with a line of counts."""
     rows = [("", "part", "test", "")]
     rows += [("ok" if f.passed else "FAIL", f.law, f.test, f.detail) for f in sorted(findings, key=lambda f: f.passed)]
     widths = [max(len(row[k]) for row in rows) for k in range(3)]
     lines = ["  ".join([*(row[k].ljust(widths[k]) for k in range(3)), row[3]]).rstrip() for row in rows]
-    failed = sum(not f.passed for f in findings)
-    parts = len({f.law for f in findings})
+    failed, parts = sum(not f.passed for f in findings), len({f.law for f in findings})
     lines.append(f"{parts} {'part' if parts == 1 else 'parts'}, {len(findings)} tests, {failed} failed")
     return "\n".join(lines)
 
 
 def _declaration(part: Any) -> Result:
-    """Test the declaration before anything is compiled: name, source, parameters, stage and memory, defaults of options."""
     faults = [] if part.name.isidentifier() else [f"name '{part.name}' is not an identifier"]
     faults += [] if part.source.strip() else ["names no source"]
     if hasattr(part, "parameters") and not hasattr(part.parameters, "_fields"):
@@ -132,7 +127,6 @@ def _declaration(part: Any) -> Result:
 
 
 def _parameters(declared: type, cases: Iterable[tuple[str, Any]]) -> Cases:
-    """Test that `mix` returns finite floats in a tuple of the declared type."""
     for label, p in cases:
         if issubclass(type(p), declared):
             yield label, _numbers(p, len(p), "")
@@ -141,7 +135,6 @@ def _parameters(declared: type, cases: Iterable[tuple[str, Any]]) -> Cases:
 
 
 def _numbers(values: Any, count: int, what: str) -> Result:
-    """Test for a tuple of so many finite numbers."""
     if not isinstance(values, tuple) or len(values) != count:
         return False, f"the kernel returns {values!r}, expected a tuple of {count}: {what}"
     names = getattr(values, "_fields", range(count))
@@ -150,7 +143,6 @@ def _numbers(values: Any, count: int, what: str) -> Result:
 
 
 def _equal(got: np.ndarray, expected: Any) -> Result:
-    """Test that a compiled kernel gives what the same in Python gives, to rounding of the largest value."""
     off = np.abs(got - np.array(expected, float))
     return bool((off <= ROUND_OFF * np.abs(expected)).all()), f"compiled {got.tolist()}, in Python {list(expected)}"
 
@@ -282,7 +274,6 @@ OVERLAP = 1e-4  # over the radius, of the contact in which forces are compared
 
 
 def _of_spots(effect: SpotInteraction) -> Tests:
-    """Test both numbers: finite; the force of Hertz' law; plates that give way at most as half-spaces, c_a + c_b <= 1/(pi E*)."""
     cases = [(label + more, pair, radius, options) for more, options in option_sets(effect) for label, pair, radius in PAIRS]
 
     def parameters() -> Cases:

@@ -8,17 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from thirdbody.kernels.tile import TILE, law_output
-from thirdbody.laws.conformance.bench import (
-    COMPILER_IS_OFF,
-    Array,
-    Bench,
-    ContactPath,
-    Inputs,
-    Result,
-    extremes,
-    follow_path,
-    random_paths,
-)
+from thirdbody.laws.conformance.bench import COMPILER_IS_OFF, Array, Bench, ContactPath, Inputs, Result, follow_path, random_paths
 
 ROUND_OFF = 1e-12  # relative difference due to a few thousand round-offs of double precision
 ROTATED = 1e-9  # the same for a rotated path: a cosine per step, amplified by friction's return by the trial over the limit
@@ -32,8 +22,27 @@ ENERGIES = (law_output.STORED_NORMAL, law_output.STORED_TANGENTIAL, law_output.D
 NAMES = {column.first: column.name for column in law_output}
 
 
+def extremes(bench: Bench, count: int) -> list[Inputs]:
+    """Successive contacts, with every quantity drawn from zero, ordinary and absurd values."""
+    rng = np.random.default_rng(20240503)
+    tiles = len(bench.settings)
+    lanes, wide, radius = (tiles, TILE), (tiles, 2, TILE), bench.radius[:tiles]
+    overlaps = np.array([0.0, 0.0, 1e-15, 1e-9, 1e-6, 1e-3, 0.1, 1.0, 10.0])
+    slips = np.array([0.0, 0.0, 1e-18, 1e-12, 1e-6, 1e-3, 1.0, 1e6])
+    fast = np.array([0.0, 0.0, 1e-12, 1e-3, 1.0, 1e4])
+
+    def signed(values: Array, shape: tuple[int, ...]) -> Array:
+        return rng.choice(values, shape) * rng.choice([-1.0, 1.0], shape)
+
+    return [
+        Inputs(
+            radius * rng.choice(overlaps, lanes), radius[:, None] * signed(slips, wide), signed(fast, lanes), signed(fast, wide)
+        )
+        for _ in range(count)
+    ]
+
+
 def finite(bench: Bench) -> Result:
-    """Test for finite results and history on absurd contacts in succession."""
     memory = bench.virgin(len(bench.settings))
     for requested in extremes(bench, 24):
         answer, memory = bench.call(requested, memory)
@@ -45,10 +54,8 @@ def finite(bench: Bench) -> Result:
 
 
 def no_touch(bench: Bench) -> Result:
-    """Test for no force and no energy where the law begins to act: virgin, after any path, moving, slipping.
-
-    That is at zero overlap, or at the law's reach; there and half as far out again.
-    """
+    """Test for no force and no energy at zero overlap, or at the law's reach, and half as far out again: virgin, after any
+    path."""
     path = random_paths(bench, 3)
     tiles = len(bench.settings)
     apart = bench.outermost[:tiles] * np.where(np.arange(TILE) % 2 == 0, 1.0, 1.5)
@@ -64,19 +71,15 @@ def no_touch(bench: Bench) -> Result:
 
 
 def rotation(bench: Bench) -> Result:
-    """Test that rotating the contact frame rotates the tangential force and changes nothing else."""
     angle = np.random.default_rng(7).uniform(0.0, 2.0 * np.pi, (len(bench.settings), TILE))
     cos, sin = np.cos(angle), np.sin(angle)
     return _transformed(bench, np.array([[cos, -sin], [sin, cos]]), ROTATED)
 
 
 def swap(bench: Bench) -> Result:
-    """Test the same contact seen from the other body: the normal reverses, and with it the second axis of the frame.
-
-    Slip and force on the other body change sign, and the second axis once more: components (-x, +y). With `rotation` this implies
-    that negating the slip negates the force. The order of two materials must not matter either. The rotation about the normal is
-    the same seen from either body; there the mirror image is tested, which negates rotation and instant.
-    """
+    """Test the same contact seen from the other body: the normal reverses, and with it the second axis of the frame, so slip and
+    force are (-x, +y); the rotation about the normal stays, so there the mirror image is tested. With `rotation` this implies
+    that negating the slip negates the force. The order of two materials must not matter either."""
     mirror = np.array([[-1.0, 0.0], [0.0, 1.0]])[:, :, None, None] * np.ones((len(bench.settings), TILE))
     passed, detail = _transformed(bench, mirror, ROUND_OFF)
     if not passed:
@@ -113,10 +116,8 @@ def _transformed(bench: Bench, matrix: Array, tolerance: float) -> Result:
 
 
 def friction_limit(bench: Bench) -> Result:
-    """Test that |T| never exceeds the stated limit.
-
-    The limit is mu times the load if the law has a parameter `mu` (rolling: `mu_r`).
-    """
+    """Test that |T| never exceeds the stated limit, and that this is `mu` times the load (rolling: `mu_r`) if there is such a
+    number."""
     path = random_paths(bench, 8, repeats=2)
     tiles = len(path.overlap[0])
     rolls = bench.law.stage == "rolling"
@@ -138,7 +139,7 @@ def friction_limit(bench: Bench) -> Result:
 
 
 def passive(bench: Bench) -> Result:
-    """Test that a dashpot takes power at any velocity, none at rest, and that the power is that of the force that acted."""
+    """Test that a dashpot takes power at any velocity, and none at rest."""
     path = random_paths(bench, 5)
     rng = np.random.default_rng(11)
     for instant in follow_path(bench, path, 2):
@@ -182,10 +183,7 @@ def compiled(bench: Bench) -> Result:
 
 
 def history(bench: Bench) -> Result:
-    """Test that continuing from copied history gives the same bits, also elsewhere in the tile.
-
-    No memory is hidden. A history value named `energy` must be the stored energy.
-    """
+    """Test that continuing from copied history gives the same bits, also elsewhere in the tile: no memory is hidden."""
     instants = list(follow_path(bench, random_paths(bench, 4), 3))
     order = np.random.default_rng(3).permutation(TILE)
     back = np.argsort(order)
@@ -207,7 +205,6 @@ def history(bench: Bench) -> Result:
 
 
 def _describe(bench: Bench, requested: Inputs, tile: int, lane: int) -> str:
-    """Describe a contact in words."""
     setting = bench.settings[tile % len(bench.settings)]
     depth = requested.overlap[tile, lane] / setting.radius
     slip = float(np.hypot(*requested.slip[tile, :, lane])) / setting.radius
