@@ -1,5 +1,6 @@
 """Commands that compute many runs of one scene. Heavy modules are imported inside them, as in `main`."""
 
+import os
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -46,7 +47,7 @@ def cost(
         raise UsageError("--only: goes with --effects")
     if study.resume and study.effects:
         raise UsageError("--resume: goes with a study of accuracy, not with --effects")
-    picture = checked_path(out) if out is not None and out.suffix.lower() in FORMATS and not out.is_dir() else None
+    picture = checked_path(out) if out is not None and out.suffix.lower() in FORMATS and not os.path.isdir(out) else None
     folder = out or Path("runs") / f"{scene.stem}_{'effects' if study.effects else 'cost'}"
     source = StudySource(scene, override_pairs(settings), folder, plugin or [])
     options = StudyOptions(study.repeats, study.effects, seconds, only, study.resume, picture)

@@ -73,7 +73,7 @@ class Chain:
         """Tangents with history, dashpots included, for the implicit integrator only; None if a law has no tangent."""
         return None if self.without_tangent else self._compiled("tangents")
 
-    @property
+    @cached_property
     def history(self) -> tuple[str, ...]:
         """Names of all floats stored per contact: of the laws, the stored energy where no law has it, the forces of the dashpots
         packed into one number (`kernels.books`), and their moments in another if there is a law of the rolling or of the twisting
@@ -121,7 +121,7 @@ class Chain:
                 columns[law.stage] = self.first_of(law) + starts[0]
         return columns["tangential"], columns["rolling"], columns["twisting"]
 
-    @property
+    @cached_property
     def field(self) -> tuple[int, int]:
         """First column of the field in the history, and the number of its floats; without a field the end and 0."""
         for law in self.laws:
@@ -129,7 +129,7 @@ class Chain:
                 return self.first_of(law) + len(law.history), len(law.memory()) - len(law.history)
         return len(self.history), 0
 
-    @property
+    @cached_property
     def stored(self) -> int:
         """Column of the history with the energy of all springs but the normal one: the law's own `energy` where one law has them
         all, else one after the histories of all laws; -1: the chain has no such springs."""

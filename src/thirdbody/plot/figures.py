@@ -30,6 +30,12 @@ def checked_path(path: str | Path) -> Path:
     check_format(path)
     if not os.path.isdir(path.absolute().parent):
         raise OutputError(f"{path}: cannot be written (the folder {path.parent} does not exist)")
+    try:
+        path.stat()
+    except FileNotFoundError:
+        pass
+    except OSError as problem:  # a name too long: told before anything is computed for it
+        raise OutputError(f"{path}: cannot be written ({problem.strerror or problem})") from problem
     return path
 
 

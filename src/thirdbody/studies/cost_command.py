@@ -1,6 +1,7 @@
 """Command `thirdbody cost`: computes, prints, and writes JSON, picture, table and runs into a folder."""
 
 import json as json_module
+import os
 import tempfile
 import time
 from collections.abc import Callable
@@ -49,7 +50,7 @@ def cost_command(source: StudySource, options: StudyOptions, overwrite: bool, js
         with tempfile.TemporaryDirectory() as folder:
             _compute(source._replace(folder=Path(folder)), options, json, log)
         return
-    if options.resume and source.folder.is_dir():
+    if options.resume and os.path.isdir(source.folder):
         with lock_folder(source.folder):
             _compute(source, options, json, log)
         return

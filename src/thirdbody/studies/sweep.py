@@ -88,7 +88,7 @@ def plan_of_path(path: Path, out: Path | None, plugins: Iterable[str | Path] = (
         file, files = folder / SCENE_FILE, [Path(file) for file in document["plugins"]]
         scene = Scene.parse(read_text(file), str(file), document["scene_folder"], files)
         return make_plan(scene, saved_definition(document), folder, files), folder
-    if path.is_dir():
+    if os.path.isdir(path):
         raise InputError(Fault("", "is no folder of a sweep", str(path)))
     definition, folder = read_sweep(path), out or FOLDER / path.stem
     file = definition.folder / definition.tables.scene  # relative to the sweep file
