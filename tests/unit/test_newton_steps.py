@@ -1,4 +1,4 @@
-"""Newton's method without a run: linear systems against LAPACK, what shortens a correction, the Jacobian of a contact."""
+"""Newton's method without a run: linear systems against LAPACK, what shortens a correction."""
 
 import itertools
 from collections import namedtuple
@@ -8,8 +8,6 @@ import pytest
 from numba import njit
 
 from thirdbody.kernels.implicit import jacobian, newton
-from thirdbody.kernels.implicit.contact import NOWHERE, ZERO_TENSOR, Contact, Side, add_planar
-from thirdbody.kernels.implicit.jacobian import add_curved
 from thirdbody.kernels.step_tables import step_start
 from thirdbody.kernels.tables import sphere
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output
@@ -72,41 +70,3 @@ def test_a_spot_at_the_limit_shortens_a_correction_that_reverses_its_slip():
         assert fraction(relief, limit=1e-6) == pytest.approx(SLIP / BACK, rel=1e-12)
     assert fraction(OVERLAP) == fraction(1.5 * OVERLAP) == 1.0
     assert fraction(OVERLAP, spots_part=0) < 1.0
-
-
-@njit
-def by_blocks(contact):
-    J = np.zeros(49)
-    add_planar(contact, J)
-    return J
-
-
-@njit
-def by_columns(contact):
-    J = np.zeros(49)
-    add_curved(contact, J, 7, 0)
-    return J
-
-
-def random_contact(seed, upper):
-    """With a plane; force and displacement along the normal, since the blocks leave out that the frame turns about it."""
-    rng = np.random.default_rng(seed)
-    axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-    n, e = axes[0], axes[1]
-    frame = tuple(tuple(v.tolist()) for v in (n, e, np.cross(n, e)))
-    centre = rng.normal(size=3)
-    point = centre - n  # an arm of one
-    force = tuple((rng.normal() * n).tolist())
-    tangent = tuple(rng.normal(size=7).tolist())
-    owner = Side(0, -1, 1.0, tuple(centre.tolist()), tuple(point.tolist()), 1.0)
-    return Contact(
-        owner, Side(-1, 6 if upper else -1, 1.0, NOWHERE, NOWHERE, 0.0), frame, force, NOWHERE, (0.3, 0.0, 0.0), tangent,
-        ZERO_TENSOR, (0.0, 0.0), ZERO_TENSOR, 1.0, 1.0, NOWHERE, ZERO_TENSOR,
-    )  # fmt: skip
-
-
-def test_blocks_are_the_columns():
-    for seed, upper in itertools.product(range(5), (False, True)):
-        contact = random_contact(seed, upper)
-        # rounding of products of numbers of order one
-        np.testing.assert_allclose(by_blocks(contact), by_columns(contact), rtol=0.0, atol=1e-13)
