@@ -54,7 +54,6 @@ def core(run: thirdbody.Run, frame: int, area: float) -> tuple[np.ndarray, float
 
 
 def error_of_mean(values: np.ndarray, blocks: int = 6) -> float:
-    """Standard error of a correlated series, from means over blocks."""
     means = [block.mean() for block in np.array_split(values, blocks)]
     return float(np.std(means, ddof=1) / np.sqrt(blocks))
 

@@ -26,7 +26,6 @@ TESTS = ["-m", "pytest", "-q", "-n", "2", "--dist", "loadfile"]
 
 
 def before(env: dict[str, str]) -> list[str]:
-    """Run what comes before the tests, all at once; returns the names of those that failed."""
     running = [
         (name, subprocess.Popen([sys.executable, *command], cwd=ROOT, env=env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT))
         for name, command in BEFORE
@@ -41,7 +40,6 @@ def before(env: dict[str, str]) -> list[str]:
 
 
 def main() -> int:
-    """Run all steps, also after a failure; returns the number that failed."""
     arguments, env = sys.argv[1:], QUICK | os.environ
     if "--full" in arguments:
         env = dict(os.environ)

@@ -30,8 +30,6 @@ settings.load_profile("any_machine")
 
 
 class Reported(NamedTuple):
-    """Exit code, standard output and standard error of a command."""
-
     code: int
     out: str
     err: str

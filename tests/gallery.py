@@ -31,8 +31,6 @@ WIDTH, COLORS, QUICK = 800, 256, 8.0
 
 
 class Entry(NamedTuple):
-    """How a scene is drawn, and which settings shorten it."""
-
     draw: str = "render RUN -o PICTURE --width 800 --height 450"
     settings: str = ""
 

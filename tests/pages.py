@@ -48,7 +48,6 @@ class Page:
 
     @property
     def anchors(self) -> set[str]:
-        """Anchors of the headings, as GitHub forms them."""
         found: list[str] = []
         for heading in re.findall(r"^#+ (.+)$", self.prose, re.MULTILINE):
             plain = _LINK.sub(r"\2", heading).replace("`", "").strip().lower()
@@ -69,5 +68,4 @@ class Page:
 
 
 def pages() -> list[Path]:
-    """Paths of all pages, the one at the top first."""
     return [ROOT / "README.md", *sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.md"))]

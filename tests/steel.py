@@ -1,5 +1,9 @@
 """How the scenes of tests begin that are about steel on steel: each adds its own debris, plates and solver."""
 
+from pathlib import Path
+
+SCENES = Path(__file__).parents[1] / "scenes"
+"""Those that are shipped."""
 STEEL = """\
 scene = 1
 [materials.steel]

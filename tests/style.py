@@ -28,7 +28,6 @@ WORD = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+")
 
 
 def identifiers(tree: ast.Module) -> Iterator[tuple[str, int]]:
-    """Yield the identifiers that a module defines, with their lines."""
     for node in nodes(tree):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
             yield node.name, node.lineno
@@ -75,7 +74,6 @@ EMBEDDED = {"scratch": {"body", "body_extra"}}
 
 
 def declared_tables(tree: ast.Module) -> Iterator[tuple[str, ast.Call]]:
-    """Yield the tables that a module declares: name and call of `Table`."""
     for node in tree.body:
         call = node.value if isinstance(node, ast.Assign) else None
         if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "Table":
@@ -84,14 +82,12 @@ def declared_tables(tree: ast.Module) -> Iterator[tuple[str, ast.Call]]:
 
 @cache
 def symbols() -> dict[str, str]:
-    """Return the name of the array of each table: name -> symbol."""
     calls = [entry for path in (*OURS, *THEIRS) for entry in declared_tables(parsed(path))]
     return {name: str(ast.literal_eval(call.args[0])).partition(",")[0] for name, call in calls}
 
 
 @cache
 def constants() -> dict[str, set[str]]:
-    """Return the constants of each table: those of its columns, and those that are set later."""
     result = {}
     for path in (*OURS, *THEIRS):
         for name, call in declared_tables(parsed(path)):
@@ -187,7 +183,6 @@ def statements_at_start(body: list[ast.stmt]) -> Iterator[ast.Import | ast.Impor
 
 
 def at_start(tree: ast.Module) -> set[str]:
-    """Return the first words of what a module imports at its start."""
     names: set[str] = set()
     for node in statements_at_start(tree.body):
         several = [alias.name for alias in node.names] if isinstance(node, ast.Import) else [node.module or ""]
@@ -286,7 +281,6 @@ def name_of(path: Path) -> str:
 
 
 def breaks() -> Iterator[str]:
-    """Yield a line for each break of a rule."""
     for path in (*OURS, *THEIRS):
         tree = parsed(path)
         rules = [private_words(tree), too_long(path, tree), tables_misused(path, tree)]

@@ -60,7 +60,6 @@ def expected(block: str, number: int, frame=make_frame) -> dict[str, np.ndarray]
 
 
 def vtk_blocks(path: Path, step: int) -> list:
-    """The data sets that VTK's reader gives for one step, the composite ones flattened."""
     vtk = pytest.importorskip("vtk")
     reader = vtk.vtkHDFReader()
     reader.SetFileName(str(path))

@@ -22,7 +22,6 @@ def screen() -> Console:
 
 
 def head(console: Console) -> dict[str, Any]:
-    """Print and return what the measurement is made on."""
     report = machine()
     console.print(f"{studies.described(report)}, {report['cores']} cores, load {report['load']}")
     return report

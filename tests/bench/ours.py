@@ -94,7 +94,6 @@ def time_segment(simulation: Any, steps: int, report: dict[str, list[Any]]) -> N
 
 
 def advance(simulation: Any, steps: int) -> int:
-    """Run so many steps of the fixed length; how many they were."""
     before = simulation.integrator.summary()["steps"]
     state = simulation.state
     simulation.integrator.advance_to(time=state.time + (steps - 0.5) * state.dt)

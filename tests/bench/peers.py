@@ -51,8 +51,6 @@ Run = dict[str, Any]
 
 @dataclass(frozen=True)
 class Case:
-    """A scene on a number of cores, and the steps of its segments."""
-
     kind: str
     number: int
     cores: int
@@ -221,7 +219,6 @@ def run_ours(case: Case, peers: Path | None) -> Run:
 
 
 def median_of(run: Run) -> float:
-    """Seconds per step, not a number if the run failed."""
     return statistics.median(run["t"]) if "t" in run else float("nan")
 
 

@@ -123,7 +123,6 @@ def scene_of(start: Start) -> Scene:
 
 
 def placed_of(start: Start) -> Placed:
-    """The bodies with the masses and moments that the peers are given."""
     n, none = start.bodies, np.zeros(start.bodies, np.int64)
     ends = np.searchsorted(start.body, np.arange(n + 1))
     arms = start.x - start.centre[start.body]

@@ -230,7 +230,6 @@ def compare_arrays(one: Tables, other: Tables) -> list[str]:
 
 
 def changed(one: Tables, other: Tables) -> list[str]:
-    """Return the names of the entries that differ; NaN is like NaN."""
     return [name for name in one | other if repr(one.get(name)) != repr(other.get(name))]
 
 

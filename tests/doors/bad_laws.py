@@ -15,8 +15,6 @@ class Scale(NamedTuple):
 
 
 class Shear(NamedTuple):
-    """G*, Pa, and friction."""
-
     g_star: float
     mu: float
 
@@ -133,7 +131,6 @@ def far_pull(c, n, p):
 
 @kernel
 def pushing_dashpot(c, n, p):
-    """A dashpot with the wrong sign."""
     return p.scale * math.sqrt(c.mass * n.contact_radius) * c.v_n
 
 
@@ -150,7 +147,6 @@ def rocking_motor(c, turn, load, p, h):
 
 
 def mix_of_first(pair, _options):
-    """Forgets the second material."""
     return HERTZ.parameters(e_star(pair.a, pair.a))
 
 

@@ -48,7 +48,6 @@ def scene(**changes):
 
 
 def engine(without=""):
-    """All that is installed and the adhesion of the template, less one effect."""
     found = discover([DMT])
     return Registry(tuple(replace(p, effects=tuple(e for e in p.effects if e.name != without)) for p in found.plugins))
 

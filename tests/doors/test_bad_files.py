@@ -36,7 +36,6 @@ def changed(name, place, value):
 
 
 def torn(name, at):
-    """A sound archive in which the array of this name is cut short."""
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w") as archive, zipfile.ZipFile(io.BytesIO(npz())) as sound:
         for entry in sound.namelist():
@@ -183,8 +182,6 @@ MESHES = {
 
 @pytest.fixture
 def scene(balls):
-    """Writes the scene with its debris from a file: a table, or a mesh."""
-
     def write(file, kind="file", more="", unit="1 um"):
         mesh = f'unit = "{unit}"\ncount = 1\n' if kind == "mesh" else ""
         balls(('kind = "spheres"', f'kind = "{kind}"'), ('radius = "5 um"', f'file = "{file}"'), ("count = 4\n", mesh),

@@ -53,7 +53,6 @@ def test_our_laws_conform_with_usual_options(name, monkeypatch):
 
 @pytest.mark.parametrize("name", [name if name in QUICK else pytest.param(name, marks=SLOW) for name in sorted(OURS)])
 def test_our_laws_conform(name):
-    """In all variants, and at the ends of their options too."""
     findings = check([OURS[name]])
     assert len(findings) > 7, "too few tests ran"
     assert not failed(findings), report(findings)

@@ -1,6 +1,5 @@
-"""Kinds of debris: only its own file knows a kind; the others ask the class that the scene names."""
+"""A kind of debris of a third party, that of the page on plug-ins: in scenes, commands and Python, its faults and breaches."""
 
-import ast
 import json
 import re
 import sys
@@ -11,7 +10,6 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
-from each import each
 from steel import scene_text
 
 import thirdbody
@@ -22,45 +20,6 @@ from thirdbody.scene.model import Scene
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "plugins" / "README.md").read_text(encoding="utf-8")
-SOURCE = ROOT / "src" / "thirdbody"
-KINDS = {path for path in (SOURCE / "debris").glob("*.py") if path.stem not in ("__init__", "contract", "registry")}
-OTHERS = sorted({*SOURCE.rglob("*.py")} - KINDS)
-CLASSES, NAMES = {kind.__name__ for kind in built_in().values()}, set(built_in())
-
-
-def names(node):
-    return {getattr(part, "id", getattr(part, "attr", "")) for part in ast.walk(node)}
-
-
-def asks(node):
-    if isinstance(node, ast.Call):
-        return getattr(node.func, "id", "") in ("isinstance", "issubclass") and names(node) & CLASSES
-    if isinstance(node, ast.Compare):
-        words = {part.value for part in ast.walk(node) if isinstance(part, ast.Constant)}
-        return words & NAMES and "kind" in words | names(node)
-    return isinstance(node, ast.MatchClass) and names(node.cls) & CLASSES
-
-
-def questions(text):
-    """Lines that ask which kind of debris they have: `isinstance`, `match`, or a comparison of `kind`."""
-    return [f"line {node.lineno}: {ast.unparse(node)}" for node in ast.walk(ast.parse(text)) if asks(node)]
-
-
-@each(OTHERS, lambda path: path.relative_to(SOURCE).as_posix())
-def test_nothing_asks_for_the_kind_of_a_population(path):
-    text = path.read_text(encoding="utf-8")
-    # a clump's surface mesh and an open HDF5 file have the names of kinds
-    assert "h5py.File" in text or path.parent.name == "bodies" or not questions(text)
-
-
-def test_such_questions_are_found():
-    ladder = "if isinstance(debris, model.Spots): pass\nif d.kind == 'file': pass\nif get(d, 'kind') != 'mesh': pass\n"
-    assert [line.split(":")[0] for line in questions(ladder)] == ["line 1", "line 2", "line 3"]
-    assert not questions("isinstance(debris, DebrisKind) and plan.kind == 'implicit'")
-    assert {path.stem for path in KINDS} == built_in().keys()
-
-
-# A kind of a third party, that of the page on plug-ins
 
 
 @pytest.fixture

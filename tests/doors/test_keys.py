@@ -159,7 +159,6 @@ def test_every_parameter_is_named_and_what_is_returned_described(name):
 
 @each(sorted(name for name, thing in PUBLIC.items() if inspect.isclass(thing)))
 def test_listed_attributes_are_the_fields(name):
-    """Of classes that list their fields, named tuples and data classes, all are listed."""
     fields = getattr(PUBLIC[name], "_fields", None) or tuple(getattr(PUBLIC[name], "__dataclass_fields__", ()))
     text = sections(PUBLIC[name].__doc__).get("Attributes", "")
     names = [line.partition(" : ")[0] for line in text.splitlines() if line[:1].strip()]

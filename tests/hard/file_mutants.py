@@ -139,7 +139,6 @@ def hostile_npz(data: bytes, rng: Random) -> bytes:
 
 
 def spoil_folder(folder: Path, rng: Random) -> str:
-    """One file of a run's folder spoilt; returns which."""
     kind = rng.choice((*[TRAJECTORY] * 4, CHECKPOINT, SCENE))
     path = folder / kind
     if rng.random() < 0.1:

@@ -29,7 +29,6 @@ class Scales:
 
     @property
     def load(self) -> float:
-        """Hertz force of the overlap, N."""
         return 4.0 / 3.0 * self.e_soft * math.sqrt(self.radius) * self.overlap**1.5
 
     @property
@@ -47,7 +46,6 @@ class Scales:
 
 
 def random_scene(seed: int) -> dict[str, Any]:
-    """The scene of a seed as a TOML document. The same seed always gives the same scene."""
     rng = Random(seed)
     materials = {name: _material(rng) for name in ("a", "b")[: rng.choice((1, 2))]}
     radius = 10.0 ** rng.uniform(-7.0, -2.0)

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from slow import slow
+from steel import SCENES
 from trajectories import contents
 
 import thirdbody
@@ -24,7 +25,7 @@ from thirdbody.runner.run_loop import WallTimes
 from thirdbody.runner.simulate import execute, prepare
 from thirdbody.trajectory import writer
 
-SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
+SCENE = SCENES / "sheared_debris.toml"
 SHORT = {"debris.0.count": "8", "solver.distance": "0.2 um", "output.every": "0.05 um", "solver.settle": "1 us"}
 KINDS = {"explicit": {}, "implicit": {"contact.debris_contact": "none", "solver.integrator": "implicit"}}
 USAGE = namedtuple("usage", "total used free")
@@ -69,7 +70,6 @@ def goes_on(folder, whole, before):
 
 @contextmanager
 def failing(owner, name, after, error):
-    """The so-manieth call and all after it raise what the system says."""
     real, calls = getattr(owner, name), 0
 
     def call(*args, **options):
@@ -127,7 +127,6 @@ def limited(nbytes):
 
 @pytest.mark.parametrize("share", [slow(0.01), 0.5, slow(0.99)])
 def test_a_disk_that_is_full_for_the_copy_of_the_trajectory(runs, cut, share):
-    """A resumed run begins with a copy of the frames that count."""
     before, size = names(cut), (cut / "run.vtkhdf").stat().st_size
     with limited(int(share * size)), pytest.raises(OutputError) as report:
         take_up(cut)
@@ -136,7 +135,6 @@ def test_a_disk_that_is_full_for_the_copy_of_the_trajectory(runs, cut, share):
 
 
 def test_a_disk_that_fills_up_under_a_resumed_run(runs, cut, monkeypatch):
-    """The copy fits, a later frame does not."""
     before, requested = names(cut), [0]
 
     def usage(_path):
@@ -152,7 +150,6 @@ def test_a_disk_that_fills_up_under_a_resumed_run(runs, cut, monkeypatch):
 
 
 def refused(error, path):
-    """One line that names the file and how many frames are safe."""
     text = str(error)
     assert error.exit_code == 5 and "\n" not in text and text.startswith(str(path)) and ".part" not in text
     assert int(text.split(" frames written before are kept")[0].split()[-1]) > 1
@@ -160,7 +157,6 @@ def refused(error, path):
 
 @contextmanager
 def mounted(folder, size):
-    """A file system of its own of so many bytes; skips the test where none can be mounted."""
     folder.mkdir()
     made = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)], capture_output=True)
     if made.returncode:
@@ -183,7 +179,6 @@ needs_mount = pytest.mark.skipif(not sys.platform.startswith("linux") or not shu
 @HARD
 @pytest.mark.parametrize("room", [4096, 300_000])
 def test_a_file_system_without_space(runs, tmp_path, room):
-    """The real thing: with a page left, and with room for a part of the copy."""
     size = sum(path.stat().st_size for path in runs[1].iterdir())
     with mounted(tmp_path / "small", 2 * size + 10_000_000) as small:
         folder = Path(shutil.copytree(runs[1], small / "run"))
@@ -210,7 +205,8 @@ def test_a_disk_that_is_full_before_the_first_frame_leaves_nothing(tmp_path, roo
         assert list(small.iterdir()) == []
 
 
-def test_folders_above_a_run_that_could_not_begin_are_removed_only_if_it_made_them(tmp_path):
+def test_folders_above_a_run_that_could_not_begin_are_removed_only_if_it_made_them(runs, tmp_path):
+    """After `runs`, which wrote what the compiler keeps: its files are longer than this limit."""
     (tmp_path / "mine").mkdir()
     with limited(50_000), pytest.raises(OutputError, match="no frame was written"):
         execute(prepare(scene_of("explicit")), tmp_path / "mine" / "runs" / "one")

@@ -169,7 +169,6 @@ RUN = edited(
 
 @pytest.fixture(scope="module")
 def sound(tmp_path_factory):
-    """The folder of a run that was stopped after some frames, with its checkpoint."""
     folder, frames = tmp_path_factory.mktemp("sound") / "run", [0]
     with pytest.raises(Interrupted):
         told = {"report": lambda progress: frames.append(progress.frame), "stop": lambda: frames[-1] > 3}
@@ -191,7 +190,6 @@ def asked(worker, *words):
 
 @pytest.fixture(scope="module")
 def commands(tmp_path_factory, sound):
-    """A worker that has compiled what the sound run needs."""
     home, made = tmp_path_factory.mktemp("first"), Worker(tmp_path_factory.mktemp("cwd"))
     asked(made, shutil.copytree(sound, home / "run"), home, "resume")
     yield made
@@ -258,15 +256,3 @@ def test_spoilt_runs_are_reported(commands, sound, tmp_path, count):
         shutil.rmtree(folder)
     assert not bugs, f"{len(bugs)} of {dict(report)}\n" + "\n".join(bugs[:25])
     assert report[3] > count // 3  # else the mutations are too tame to mean anything
-
-
-@pytest.mark.full(kind="slow")  # in the default command tests/unit and tests/doors call each of them
-def test_a_sound_run_passes_every_command(commands, sound, tmp_path):
-    folder = shutil.copytree(sound, tmp_path / "run")
-    (tmp_path / "out").mkdir()
-    for command in M.COMMANDS:
-        if draws() or not command.startswith("render") or "page" in command:
-            code, text = asked(commands, folder, tmp_path / "out", command)
-            assert code == 0 or (command == "states picture" and "no body has a forecast" in text), f"{command}: {text}"
-    with thirdbody.open(folder) as run:
-        assert run.summary()["finished"]

@@ -16,6 +16,7 @@ import pytest
 from balls import BALLS, edited
 from hard.killed_run import go_on
 from portable import PATIENCE
+from steel import SCENES
 from trajectories import contents
 
 import thirdbody
@@ -25,7 +26,7 @@ from thirdbody.runner.simulate import execute, prepare
 from thirdbody.studies.results import TIMES
 
 PROGRAM = Path(__file__).with_name("killed_run.py")
-SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
+SCENE = SCENES / "sheared_debris.toml"
 SHORT = {"output.every": "0.05 um"}
 CASES = {
     "short": SHORT | {"debris.0.count": "8", "solver.distance": "0.2 um", "solver.settle": "1 us"},

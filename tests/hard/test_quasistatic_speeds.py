@@ -1,17 +1,16 @@
 """Twenty runs without inertia from 1 mm/s to 10 m/s: as with inertia within 1 %, refused, warned of, or reported."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
+from steel import SCENES
 
 import thirdbody
 from thirdbody.errors import GuardStop, InputError
 from thirdbody.runner.simulate import prepare
 
 pytestmark = pytest.mark.full(kind="hard")
-SCENES = Path(__file__).parents[2] / "scenes"
 SPEEDS = (1e-3, 1e-2, 0.1, 1.0, 10.0)
 SAME = 0.01
 """Difference of the friction that needs no word: that of two states in which 1 % of the load is carried otherwise."""

@@ -1,4 +1,4 @@
-"""Signals are heard within seconds, also within a batch of the implicit integrator and where outputs are a step apart, and what
+"""Signals are heard within seconds, also within a batch of the implicit integrator, and what
 goes on after one has the bits of a run that was never stopped. `-m full`: thirty signals at random times by either
 integrator."""
 
@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 from portable import PATIENCE, processor_seconds
 from slow import slow
+from steel import SCENES
 from trajectories import contents
 
 import thirdbody
@@ -25,7 +26,7 @@ from thirdbody.runner.checkpoint import FILE
 from thirdbody.runner.resume import prepare_resume
 from thirdbody.runner.simulate import execute, prepare
 
-SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
+SCENE = SCENES / "sheared_debris.toml"
 PROGRAM = [sys.executable, "-c", "from thirdbody.cli.main import main; main()"]
 CODES = {signal.SIGINT: 130, signal.SIGTERM: 143}
 HEARD = 3.0
@@ -35,11 +36,7 @@ EVERY = {"explicit": ("1 pm", "10 pm", "0.1 nm", "1 nm", "4 nm", "8 nm", "20 nm"
          "implicit": ("1 pm", "10 pm", "1 nm", "0.1 um", "1 um", "whole")}  # fmt: skip
 """A time step of these scenes is some nanometre of sliding."""
 ALONE = {"contact.debris_contact": "none", "solver.integrator": "implicit"}
-SETTINGS = {
-    "explicit": {"debris.0.count": "60", "solver.settle": "1 us"},
-    "implicit": ALONE | {"debris.0.count": "600"},
-    "short": {"debris.0.count": "12", "solver.settle": "1 us", "solver.distance": "200 nm", "output.every": "4 nm"},
-}
+SETTINGS = {"explicit": {"debris.0.count": "60", "solver.settle": "1 us"}, "implicit": ALONE | {"debris.0.count": "600"}}
 needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
 
 
@@ -78,7 +75,7 @@ def signalled(folder, integrator, every, rng):
     # past the start of Python, which no handler covers: up to 2 s of processor time, more where threads share a core
     child = started(folder, command(folder, integrator, every), 4.0 if (folder / FILE).exists() else 0.0)
     try:
-        child.wait(0.0 if integrator == "short" else rng.uniform(0.0, 3.0))
+        child.wait(rng.uniform(0.0, 3.0))
     except subprocess.TimeoutExpired:
         pass
     requested, clock = processor_seconds(child.pid) if child.poll() is None else 0.0, time.perf_counter()
@@ -127,13 +124,6 @@ def heard(tmp_path, integrator, signals, choices):
 @pytest.mark.parametrize("integrator", EVERY)
 def test_thirty_signals_are_heard(tmp_path, integrator):
     heard(tmp_path, integrator, 30, EVERY[integrator])
-
-
-@pytest.mark.full(kind="hard")
-@needs_proc
-def test_a_signal_is_heard_where_outputs_are_a_few_steps_apart(tmp_path):
-    execute(prepare(thirdbody.Scene.load(SCENE).with_settings(SETTINGS["short"])), tmp_path / "4 nm whole")
-    heard(tmp_path, "short", 1, ("4 nm",))
 
 
 def scene_of(bodies, path, level="mindlin"):

@@ -168,7 +168,6 @@ class Reference:
         self.give(there, against, back, share, slip)
 
     def about(self, s, torque, force):
-        """Torque about the centre of mass, from that about the centre of sphere s and the force at it."""
         return added(torque, cross(three(self.S[s], sphere.ARM), force))
 
     def close(self, b, time, dt):

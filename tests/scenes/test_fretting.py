@@ -1,18 +1,16 @@
 """The friction loop of a short stroke against its closed form, and the shipped fretting scenes."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 from balls import edited
-from steel import STEEL
+from steel import SCENES, STEEL
 
 import thirdbody
 from thirdbody.errors import InputError
 from thirdbody.runner.simulate import prepare
 
-SCENES = Path(__file__).parents[2] / "scenes"
 MU, LOAD, AMPLITUDE, FREQUENCY = 0.2, 2e-4, 40e-9, 1e5
 YOUNG, POISSON, RADIUS = 210e9, 0.3, 2e-6
 E_STAR = YOUNG / (2.0 * (1.0 - POISSON**2))

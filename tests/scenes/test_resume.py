@@ -12,7 +12,7 @@ import pytest
 from meetings import against_post
 from shared_runs import PATH, PLATES, clumps
 from slow import slow
-from steel import STEEL
+from steel import SCENES, STEEL
 from trajectories import contents
 
 import thirdbody
@@ -26,7 +26,6 @@ from thirdbody.runner.run_folder import RunFolder
 from thirdbody.runner.run_loop import RunLoop, WallTimes
 from thirdbody.runner.simulate import execute, prepare
 
-SCENES = Path(__file__).parents[2] / "scenes"
 ALONE = {"contact.debris_contact": "none"}
 IMPLICIT = {"solver.integrator": "implicit"}
 RIGID = {"plates.upper.support": "rigid", "plates.upper.load": "1 mN"}

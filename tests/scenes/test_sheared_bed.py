@@ -1,14 +1,13 @@
 """A bed in plane shear: profiles against the forces of the plates and the motion of the bodies; velocity accommodation."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from steel import SCENES
 
 import thirdbody
 from thirdbody.trajectory.names import ACCOMMODATION
 
-SCENE = Path(__file__).parents[2] / "scenes" / "dense_layer.toml"
+SCENE = SCENES / "dense_layer.toml"
 SMALL = {
     "debris.0.count": 150, "domain.size": ["60 um", "50 um"], "solver.distance": "12 um", "output.every": "0.4 um",
     "output.profiles": 20, "plates.upper.motion.x.velocity": "2 m/s", "solver.inertial_number": None,

@@ -13,18 +13,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from portable import PATIENCE
+from steel import SCENES
+from trial_run import write_frames
 
 import thirdbody
 from thirdbody.api import Run
 from thirdbody.export.paraview import write_sidecars
 from thirdbody.export.vtk import export_pvd
 from thirdbody.palette import rgb, state_colors
-from thirdbody.trajectory.names import BLOCKS, Frame
-from thirdbody.trajectory.writer import TrajectoryWriter
+from thirdbody.trajectory.names import BLOCKS
 
 VERSIONS = ["9.4", "9.5", "9.6", "9.7"]
-CONTACTS = (0, 4, 0, 0, 7, 2, 0)  # none at the start, between, twice in a row, and at the end
-SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
+SCENE = SCENES / "sheared_debris.toml"
 SHORT = {"debris.0.count": "16", "solver.distance": "0.5 um", "output.every": "0.1 um"}
 # Runs where neither h5py nor thirdbody is: what VTK gives, against arrays that were laid down beside the files.
 CHECK = r"""
@@ -91,18 +91,7 @@ def real(folder) -> Path:
 
 @pytest.fixture(scope="module")
 def made(folder) -> Path:
-    path = folder / "made.vtkhdf"
-    names = ["free", "sticking", "sliding", "rolling"]
-    header = {"scene_text": "", "state_names": names, "reason_names": ["none"], "units": {}}
-    static = {"spheres": {"radius": np.linspace(1.0, 2.0, 6), "clump": np.repeat([0, 1, 2], 2)}}
-    rng = np.random.default_rng(3)
-    with TrajectoryWriter(path, header, static) as writer:
-        for number, count in enumerate(CONTACTS):
-            plates = {"points": rng.normal(size=(8, 3))}
-            spheres = {"points": rng.normal(size=(6, 3)), "velocity": rng.normal(size=(6, 3))}
-            clumps = {"points": rng.normal(size=(3, 3)), "state": np.full(3, number % 4, np.uint8)}
-            contacts = {"points": rng.normal(size=(count, 3)), "slip": rng.random(count), "body": np.arange(count) + number}
-            writer.append(Frame(0.1 * number, spheres, clumps, contacts, plates))
+    path = write_frames(folder / "made.vtkhdf", (0, 1, 2, 5, 8, 9, 10))  # no contacts first, between, in a row and last
     write_sidecars(path)
     return path
 

@@ -63,7 +63,6 @@ class Spot:
         return work
 
     def answer(self, overlap, slip, **more):
-        """Force of a step that is not kept."""
         answer, _ = run_exact(*self.evaluate(overlap, slip, **more), self.p, self.h, self.w, np.empty(len(self.w)))
         return np.array([answer.x, answer.y])
 

@@ -60,5 +60,4 @@ class MemoryDiagram:
 
     @property
     def limit(self):
-        """mu N."""
         return self.mu * self.stiffness * max(self.overlap, 0.0) ** 1.5

@@ -55,7 +55,6 @@ def walk(spots=PAPER, mu=0.3, mu_lower=None, level="mindlin", weight=0.0, **path
 
 
 def states(result):
-    """The labels one after another, without repetition."""
     return [label for label, _ in itertools.groupby(point.label for point in result.points)]
 
 
@@ -245,7 +244,6 @@ def test_what_cannot_be_requested_is_reported_in_one_sentence():
 
 
 def test_clump_and_spots_are_one_particle():
-    """Two equal spheres stand on their lower summits: the same as four spots."""
     same = [spot(side, x, 1e-6, z=z) for x in (-0.5e-6, 0.5e-6) for side, z in (("upper", 1e-6), ("lower", -1e-6))]
     flat = walk(clump(0.0, 1e-6), steps=20).points
     for a, b in zip(flat, walk(same, steps=20).points, strict=True):

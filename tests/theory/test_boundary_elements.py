@@ -52,7 +52,6 @@ Press = namedtuple("Press", "cells side r2 pressure overlap")
 
 
 def squares(n, side):
-    """Radius squared at the points of an n x n grid, one of them in the middle."""
     x = (np.arange(n) - n // 2) * side
     return x[:, None] ** 2 + x[None, :] ** 2
 

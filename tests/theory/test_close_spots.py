@@ -5,13 +5,13 @@ Against boundary elements (tamaas, behind `full`): a group of equal paraboloids 
 """
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 import three_spot_theory as theory
 from scipy.optimize import brentq
 from spot_groups import solved
+from steel import SCENES
 
 import thirdbody
 from thirdbody.assembly.simulation import build
@@ -103,7 +103,7 @@ def test_no_energy_is_made_as_a_clump_bounces_and_turns(make):
         build(simulation.scene.with_settings({"effects.elastic_plastic": {}}))
 
 
-SCENE = Path(__file__).parents[2] / "scenes" / "three_spot.toml"
+SCENE = SCENES / "three_spot.toml"
 E_STAR, SPOT, OVERLAP = 1e11, 1e-6, 1e-8
 A = math.sqrt(SPOT * OVERLAP)
 

@@ -96,7 +96,6 @@ def chain_of_ten(run, final, bodies):
 
 
 def head_on(run, final, bodies):
-    """A rider comes with the plate and is stopped by a post: it slid below, now it slides above."""
     assert final[0, 1][0] == pytest.approx(-0.3, abs=TILT)
     assert final[0, UPPER][0] == pytest.approx(0.3, rel=1e-6)
     assert final[1, LOWER][0] == pytest.approx(-0.4, abs=TILT)
@@ -105,7 +104,6 @@ def head_on(run, final, bodies):
 
 
 def pushed_along(run, final, bodies):
-    """The push of a rider is what friction of the lower plate resists: mu W, no more."""
     assert [final[0, 1][0], final[0, UPPER][0]] == pytest.approx([-0.5, 0.5], abs=TILT)
     assert bodies["velocity"][:, 0] == pytest.approx(SPEED, rel=1e-4)
 
@@ -123,7 +121,6 @@ def mounts(run, final, bodies):
 
 
 def held_by_a_ridge(run, final, bodies):
-    """Where sqrt(r/R) is more than friction it stays where it meets the ridge, on the lower plate."""
     assert closed_forms.mounting_friction(RIDGE, R) > 0.3 and final[0, LOWER][2] > 0.1
     # it has overlaps of 4 nm at the plate, and stays within what its bounces amount to
     assert bodies["position"][0, 0] * 1e6 == pytest.approx(START + GAP, abs=0.03)
@@ -131,7 +128,6 @@ def held_by_a_ridge(run, final, bodies):
 
 
 def lost_and_found(run, final, bodies):
-    """A ball rolls back from the post by half of the stroke, and finds it again where it left it."""
     # frame 1 is the end of settling; from there an eighth of a period each
     seen = {eighth: run.bodies(eighth + 1) for eighth in (4, 6, 8, 12, 14)}
     place = {eighth: bodies["position"][0, 0] * 1e6 for eighth, bodies in seen.items()}

@@ -128,7 +128,6 @@ def test_restitution_of_an_impact(make, ratio):
 
 
 def test_two_balls_share_the_work(make):
-    """Each gets half of what their contact dissipates, and rebounds as from a plane."""
     speed = 10.0 * yield_speed(BALL.shear() / (1.0 - BALL.poisson_ratio), BALL.density)
     simulation = make.two_balls(BALL, RADIUS, (speed, 0.0, 0.0), effects=FLOWS, time_step=2e-9)
     energy = make.kinetic(simulation)

@@ -7,30 +7,17 @@ contact needs to slip, so friction booked with the force at the end of a step is
 
 import itertools
 import math
-from collections import namedtuple
-from pathlib import Path
-from types import SimpleNamespace
 
 import closed_forms
 import numpy as np
 import pytest
 import three_spot_theory as theory
-from numba import njit
-from steel import scene_text
-from theory.plain import plain
+from steel import SCENES, scene_text
 
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.guards import Ledger
-from thirdbody.kernels import books
-from thirdbody.kernels.arguments import Tile
-from thirdbody.kernels.books import pack_triple
-from thirdbody.kernels.implicit import books as step_books
-from thirdbody.kernels.rolling_kinematics import TWIST
 from thirdbody.kernels.tables import run_totals
-from thirdbody.kernels.tile import TILE, law_input, law_output, rolling_input
 from thirdbody.scene.model import Scene
-
-SCENES = Path(__file__).parents[2] / "scenes"
 
 CLOSED = 1e-3
 """Largest residual of the ledger over the work."""
@@ -178,7 +165,6 @@ PLATES = scene_text(
 
 
 def residual_of_jumps(level, base):
-    """Residual of a scene over its largest energy."""
     keys = base | {"contact.law": "three_spot", "contact.level": level, "contact.debris_contact": "none"}
     simulation = build(Scene.parse(PLATES).with_settings(keys | {"debris.0.radius": None}))
     ledger, state = Ledger(simulation.state), simulation.state
@@ -198,41 +184,3 @@ HARD = [case for case in itertools.product(LEVELS, BASES) if case not in [*JUMPS
 @pytest.mark.parametrize("level, base", JUMPS + [pytest.param(*case, marks=pytest.mark.full(kind="hard")) for case in HARD])
 def test_friction_that_jumps_is_booked_as_it_acts(level, base):
     assert residual_of_jumps(level, base) < CLOSED
-
-
-def test_a_law_that_makes_energy_stays_visible():
-    """Friction never takes less than nothing: what a spring holds more than was done to it is left for the residual."""
-    I, O = np.zeros((law_input.HISTORY + 3) * TILE), np.zeros((law_output.HISTORY + 3) * TILE)  # noqa: E741
-    table = I.reshape(-1, TILE), O.reshape(-1, TILE)
-    table[0][law_input.SLIP_X] = -2.0
-    table[1][law_output.HISTORY] = 3.0  # the mean force 1.5 over the way 2: a work of 3
-    table[0][law_input.HISTORY + 2] = 1.0
-    table[1][law_output.STORED_TANGENTIAL, :2] = 1.5, 9.0
-    table[1][law_output.FRICTION_LOSS], table[1][law_output.DISSIPATED] = 0.25, 0.75  # half of a joule is not of friction
-    memory = namedtuple("Memory", "force moment twist stored n_history")(0, -1, -1, 2, 3)  # columns of the history, their number
-    njit(lambda I, O: books.book(2, memory, Tile(I, O, I[:0], I[:0])))(I, O)  # noqa: E741
-    assert table[1][law_output.DISSIPATED, :2] == pytest.approx([0.5 + 1.0 + 3.0 - 1.5, 0.5], rel=1e-15)
-
-
-def test_an_implicit_step_books_forces_and_moments_of_both_ends():
-    """One contact by hand. Its history: force, energy of the springs, both moments, forces and moments of the dashpots."""
-    n, behind, pack = 8, law_input.HISTORY + 8, plain(pack_triple)
-    given = {law_input.OVERLAP: 3.0, law_input.NORMAL_VELOCITY: -2.0, law_input.VELOCITY_X: -1.0, law_input.VELOCITY_Y: -1.0,
-             law_input.SLIP_X: -1.0, law_input.SLIP_Y: -10.0, behind + rolling_input.ROTATION_X: -100.0,
-             behind + rolling_input.ROTATION_Y: -1e3, behind + rolling_input.TWIST: -1e4}  # fmt: skip
-    answer = {law_output.NORMAL_FORCE: 2.0, law_output.FRICTION_LIMIT: 8.0, law_output.CRITICAL_SLIP: 1.0,
-              law_output.STORED_TANGENTIAL: 2.0, law_output.FRICTION_LOSS: 19.0, law_output.DASHPOT_POWER: 4.0}  # fmt: skip
-    fields = np.zeros((2, 60, TILE))
-    fields[0, list(given), 0], fields[1, list(answer), 0] = list(given.values()), list(answer.values())
-    fields[0, law_input.HISTORY :, 0][:n] = 1.0, 2.0, 5.0, 1.0, 2.0, 3.0, pack(1.0, 2.0, 3.0), pack(4.0, 5.0, 6.0)
-    fields[1, law_output.HISTORY :, 0] = 1.0, 1.0, 2.0, *(1.0,) * (60 - law_output.HISTORY - 3)
-    context = SimpleNamespace(force=0, stored=2, moment=3, twist=5, dashpots=6, n_history=n, rolling=TWIST, D=np.zeros(60))
-    tile = Tile(*fields.reshape(2, -1), None, None)
-    # overlap grows from 1 to 3: 2 (1 - 3) - 3 - 40 - 500 - 6e3 - 7e4; from a gap it grows by 3
-    assert [plain(step_books.loss_of_mean)(0, x, context, tile) for x in (1.0, -2.0)] == [38273.5, 38274.5]
-    # mean velocity over that at the end: (2 (3 - 1) + 1 + 10)/(5 (4 + 1 + 1)), of 4 W over 5 s
-    assert plain(step_books.loss_of_end)(0, 1.0, 5.0, context, tile) == pytest.approx(10.0)
-    assert plain(step_books.moment_work)(0, context, tile) == -43200.0  # twice: 2, 3 and 4 N m about the three axes
-    # 5 J - 2 J + (43200 + 2 + 30)/2 J less the 19 J of the law; the radius doubles: 3/4 of a half of limit times critical slip
-    assert plain(step_books.contact_difference)(0, 0.75, context, tile) == pytest.approx(21600.0 + 3.0)
-    assert plain(step_books.contact_energy)(0, tile) == 6.0  # N times overlap is less than limit times critical slip

@@ -1,15 +1,14 @@
 """Friction work of single bodies that roll slowly, by the implicit integrator at default settings, against fine steps."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from slow import slow
+from steel import SCENES
 
 import thirdbody
 from thirdbody.runner.simulate import prepare
 
-SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
+SCENE = SCENES / "sheared_debris.toml"
 SLOW = {
     "contact.debris_contact": "none",
     "solver.integrator": "implicit",
@@ -36,7 +35,6 @@ def friction_work(**settings):
 
 
 def errors_of_rolling(**settings):
-    """Relative error of the friction work of the bodies that roll at the end, at default settings."""
     work, labels = friction_work(**settings)
     return np.abs(work / friction_work(**settings, **FINE)[0] - 1.0)[labels == ROLLING]
 

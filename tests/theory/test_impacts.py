@@ -52,7 +52,6 @@ def balls_impact(make, numbers, radius, speed):
 
 
 def hertz(effective, speed):
-    """Largest overlap, largest force and contact time."""
     return (
         closed_forms.impact_overlap(*effective, speed),
         closed_forms.impact_force(*effective, speed),
@@ -139,7 +138,6 @@ def order(counts, errors):
 
 
 def test_undamped_impact_is_of_second_order(make):
-    """Contact time, largest overlap and rebound speed against the closed form at four fixed steps."""
     counts, late, deep, slow = (40, 80, 160, 320), [], [], []
     overlap, _, duration = hertz(plane(make, NUMBERS, 1e-3), 1.0)
     overlap *= (1.0 + 1.0 / make.RIGID) ** 0.4  # the plane is not quite rigid

@@ -1,12 +1,12 @@
 """The implicit integrator against closed forms, the quasi-static solver and the explicit integrator."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 import three_spot_theory as theory
 from slow import slow
+from steel import SCENES
 from thirdbody_three_spot.balance import balance
 
 from thirdbody.assembly.simulation import build
@@ -14,7 +14,6 @@ from thirdbody.engine.guards import Ledger
 from thirdbody.kernels.tables import patch, record
 from thirdbody.scene.model import ConstantVelocity, Effects, Motion, Ramp, Scene
 
-SCENES = Path(__file__).parents[2] / "scenes"
 LEVELS = ("coulomb", "mindlin", slow("mdr"), slow("exact"))
 MICRO, LOAD, MIDDLE = 5e-6, 1e-4, 1e-4
 CLOSED = 1e-6
@@ -94,7 +93,6 @@ def test_error_falls_with_the_tolerance(make):
 
 @pytest.mark.parametrize("level", LEVELS)
 def test_ball_rolls_at_half_the_speed_at_any_speed(make, level):
-    """The laboratory's 1 mm/s, where an explicit run would take millions of steps."""
     speed = 1e-3
     simulation = micro(make, [make.ball(MICRO, (MIDDLE, MIDDLE, MICRO))], drag(speed), level=level)
     simulation.integrator.advance_to(time=simulation.settle)

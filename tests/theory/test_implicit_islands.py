@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 from slow import slow
 
-from thirdbody.engine import meeting
 from thirdbody.engine.accuracy import MEETING_RADII
 from thirdbody.engine.guards import Ledger
 from thirdbody.engine.islands import STRIDE
 from thirdbody.engine.snapshot import restore, snapshot
-from thirdbody.errors import GuardStop
 from thirdbody.kernels.arguments import Motion
 from thirdbody.kernels.implicit import common_plate
 from thirdbody.kernels.step_tables import body_solution, step_memory, step_settings
@@ -65,7 +63,6 @@ def between_bodies(simulation):
 
 
 def ledger_after(simulation, distance):
-    """Advance to a distance (m) of the drag; the lines of the ledger, and the relative residual."""
     ledger, state = Ledger(simulation.state), simulation.state
     simulation.integrator.advance_to(time=simulation.settle)
     for stop in np.linspace(0.25, 1.0, 4) * distance:
@@ -73,17 +70,6 @@ def ledger_after(simulation, distance):
         ledger.watch(state)
     lines = ledger.lines(state)
     return lines, ledger.relative_residual(state, lines["residual"])
-
-
-def test_two_equal_balls_that_touch_roll_on_together(make):
-    """Both roll with half the speed of the plate, with no force between them worth naming."""
-    simulation = dragged(make, [make.ball(R, (MIDDLE + x, MIDDLE, R)) for x in (0.0, 2.0 * R)])
-    _, residual = ledger_after(simulation, 4e-6)
-    assert simulation.integrator.meets and not simulation.integrator.together and residual < CLOSED
-    for ball in (0, 1):
-        assert make.velocity(simulation, ball)[0] == pytest.approx(0.5e-3, rel=1e-3)
-        assert make.label(simulation, ball) == "rolling"
-    assert all(contact[record.NORMAL_FORCE] < 1e-4 * LOAD for contact in between_bodies(simulation))
 
 
 @pytest.mark.parametrize(("mu_pair", "balls"), [(0.0, 1), (MU, 3), slow(0.0, 3), slow(MU, 2)])
@@ -197,16 +183,6 @@ def test_a_layer_under_a_rigid_plate_is_that_of_the_explicit_integrator(make):
     np.testing.assert_allclose(other, force, atol=1e-3 * abs(force[0]))
 
 
-def test_a_contact_across_a_periodic_face_is_any_other(make):
-    forces = []
-    for x in (MIDDLE, 2e-6):
-        simulation = dragged(make, row(make, 1, x), {("block", "floor"): 5.0})
-        ledger_after(simulation, 2e-6)
-        forces.append(between_bodies(simulation)[0, [record.NORMAL_FORCE, record.FRICTION_LIMIT]])
-    # positions are 20 times nearer to the origin in the second, and are rounded less
-    np.testing.assert_allclose(*forces, rtol=1e-6)
-
-
 APPROACH = np.array([[0.2, 0.0], [-0.1, 0.0]])  # velocities before an impact, m/s
 
 
@@ -289,14 +265,3 @@ def test_the_number_of_threads_and_a_resume_do_not_change_a_bit(make, plate):
     for other in runs[1:]:
         for one, same in zip(*map(tables, (runs[0], other)), strict=True):
             np.testing.assert_array_equal(one, same)
-
-
-def test_an_island_that_does_not_pay_stops_the_run_or_goes_on_as_the_scene_says(make, monkeypatch):
-    monkeypatch.setattr(meeting, "LARGEST", 2)
-    with pytest.raises(GuardStop, match="more than 2 do not pay; .* which tells the speed that is slow enough$"):
-        chain(make, RIGID).integrator.advance_to(distance=2e-6)
-    with pytest.raises(GuardStop, match=r"bodies could meet within the next .* more than 2 do not pay"):
-        chain(make).integrator.advance_to(distance=2e-6)
-    going = chain(make, on_failure="continue")
-    going.integrator.advance_to(distance=2e-6)
-    assert going.integrator.summary()["islands"]["largest"] > 2

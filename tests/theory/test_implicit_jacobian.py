@@ -80,7 +80,6 @@ def tangents(I, K, n, _):  # noqa: E741
 
 
 def evaluate(context, tables, y, r, J):
-    """Residual and Jacobian of an island; returns its contacts."""
     n, made = len(tables.bodies), {}
     half_width = FREEDOMS * (int(tables.widths[0]) + 1) - 1
     scratch = make_scratch(context, n, 1, FREEDOMS * n * (3 * half_width + 1), len(context.initial_overlaps))

@@ -2,19 +2,16 @@
 
 import math
 
-import numpy as np
 import pytest
 from balls import BALLS, edited
-from slow import slow
 from thirdbody_three_spot.mdr import MDR
 
 import thirdbody
 from thirdbody.laws.compose import ordered
 from thirdbody.laws.conformance.suite import check, report
-from thirdbody.laws.contract import Material, Pair
+from thirdbody.laws.contract import Material
 from thirdbody.laws.hertz import e_star
 from thirdbody.laws.registry import load_file
-from thirdbody.statics.contacts import Contacts
 
 SLOPE = 30.0
 LAW = f'''
@@ -51,7 +48,6 @@ SCENE = edited(
     ('distance = "0.1 um"\nsettle = "1 us"', 'distance = "5 nm"'),
     ("0.05 um", "5 nm"),
 )  # fmt: skip
-PAIR = Pair(Material("steel", 80e9, 0.3, 7850.0), Material("ceramic", 120e9, 0.2, 3900.0), 0.3, 0.6)
 
 
 @pytest.fixture(scope="module")
@@ -65,31 +61,6 @@ def test_the_law_conforms(plugin):
     (family,) = load_file(plugin).families
     findings = check([family.levels["mindlin"][0]])
     assert all(finding.passed for finding in findings), report(findings)
-
-
-@pytest.mark.parametrize("level", ["mindlin", slow("coulomb")])
-def test_tangents_are_derivatives_of_the_step(plugin, level):
-    """Of the composed laws, where the contact grows, sticks and slides: the rate of the contact area is that of the cone."""
-    (family,) = load_file(plugin).families
-    contacts = Contacts(family.levels[level], [PAIR], np.zeros(3, np.int64), np.full(3, 5e-6))
-    deep = np.array([10e-9, 8e-9, 12e-9])
-    slip = np.array([[0.3e-9, 0.1e-9], [2e-9, -1e-9], [-9e-9, 7e-9]])  # the last one slides: kappa d is some 5 nm
-    pressed = contacts.evaluate(0.9 * deep, 0.1 * slip, contacts.virgin()).memory
-
-    def forces(overlap, path):
-        answer = contacts.evaluate(overlap, path, pressed)
-        return np.stack([answer.normal, *answer.tangential.T])
-
-    given = contacts.stiffness(deep, slip, pressed)
-    step = 1e-5 * deep  # central differences: an error of some 1e-10, and of the rounding 1e-11
-    by_overlap = (forces(deep + step, slip) - forces(deep - step, slip)) / (2.0 * step)
-    size = np.abs(given).max()
-    assert given[[0, 5, 6]] == pytest.approx(by_overlap, abs=1e-7 * size)
-    for axis in (0, 1):
-        path = np.zeros_like(slip)
-        path[:, axis] = step
-        by_slip = (forces(deep, slip + path) - forces(deep, slip - path)) / (2.0 * step)
-        assert given[[1 + axis, 3 + axis]] == pytest.approx(by_slip[1:], abs=1e-7 * size)
 
 
 @pytest.mark.parametrize("integrator", ["explicit", "implicit"])

@@ -46,7 +46,6 @@ def spinning(make, name, surface_speed):
 
 
 def graph(file, index):
-    """One of the two data sets of a digitised figure; sets are told apart by two empty lines."""
     parts = [part for part in (DATA / file).read_text().split("\n\n\n") if part.strip()]
     lines = [line for line in parts[index].splitlines() if line.strip() and not line.startswith("#")]
     return np.array([[float(x) for x in line.split(",")] for line in lines])

@@ -1,11 +1,11 @@
 """Runs without inertia (`solver.inertia = false`): no flight, no energy made, and a number that says when they are too fast."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 from each import each
+from steel import SCENES
 
 import thirdbody
 from thirdbody.assembly.integrator import FAST, SLOW, inertial_number
@@ -18,7 +18,6 @@ from thirdbody.kernels.tables import body, run_totals
 from thirdbody.runner.verdicts import patches_not_carried
 from thirdbody.scene.model import ConstantVelocity, Motion, Scene, Stroke
 
-SCENES = Path(__file__).parents[2] / "scenes"
 MICRO, LOAD, SIZE = 5e-6, 1e-4, 2e-4
 
 

@@ -143,7 +143,6 @@ def test_an_impact_changes_the_spin_by_mu_r_r_star_times_the_impulse(make, partn
 
 
 def test_two_balls_keep_their_angular_momentum(make):
-    """Friction and moment in an oblique impact of spinning balls: equal and opposite, about any point."""
     keys = {"effects": named(0.5, damping=0.2), "friction": 0.3, "restitution": 0.7}
     simulation = make.two_balls(make.STEEL, RADIUS, (1.0, 0.3, 0.0), (300.0, 4000.0, -2000.0), **keys)
     state = simulation.state

@@ -2,7 +2,6 @@
 
 import itertools
 import math
-from collections import namedtuple
 
 import closed_forms
 import numpy as np
@@ -13,11 +12,6 @@ from theory.plain import plain
 from theory.spots import Spot
 from thirdbody_three_spot.mdr import MDR, SpringParameters
 
-from thirdbody.kernels.arguments import Motion
-from thirdbody.kernels.plates import BASINS
-from thirdbody.kernels.rolling_kinematics import gather_rolling
-from thirdbody.kernels.tables import patch, sphere
-from thirdbody.kernels.tile import TILE, geometry, law_input, rolling_input
 from thirdbody.laws.data import Load
 
 E_STAR, G_STAR, RADIUS, MU = 1.0, 0.8, 1.0, 0.3
@@ -139,47 +133,6 @@ def test_a_step_to_an_absurd_overlap_ends():
         answer, _ = plain(MDR.kernel)(touch, load, *rest, np.empty_like(driver.w))
         plain(MDR.tangent)(touch, load, *rest)
         assert not abs(answer.x) > 2.0 * G_STAR * 2.0**32 * 1e-3  # the grid ends at 2^30 or 2^31 radii
-
-
-def spheres(*rows):
-    S = np.zeros((len(rows), sphere.WIDTH))
-    for k, (radius, velocity, spin) in enumerate(rows):
-        S[k, sphere.RADIUS], S[k, sphere.MID_VELOCITY3], S[k, sphere.MID_SPIN3] = radius, velocity, spin
-    return S
-
-
-Tables = namedtuple("Tables", "own partner S P n_history rolling")
-Tile = namedtuple("Tile", "inputs geometry")
-
-
-def path(S, i, j, normal, arms, plate=0.0):
-    """Velocity of the patch over its ground, along x and y, or y and z for a normal along x."""
-    G = np.zeros((geometry.WIDTH, TILE))
-    e, f = ((1, 0, 0), (0, 1, 0)) if abs(normal[2]) == 1 else ((0, 1, 0), (0, 0, 1))
-    G[geometry.NORMAL3, 0], G[geometry.AXIS3, 0], G[geometry.CROSS_AXIS3, 0] = normal, e, f
-    G[geometry.ARM, 0], G[geometry.PARTNER_ARM, 0] = arms
-    tables = Tables([i], [j], S, np.zeros((1, patch.WIDTH)), 0, 1)
-    tile = Tile(np.zeros((law_input.HISTORY + rolling_input.WIDTH) * TILE), G.ravel())
-    plain(gather_rolling)(0, 0, tables, Motion(1.0, plate, 0.0), tile)
-    first = law_input.HISTORY + rolling_input.TRAVEL_X
-    return tuple(tile.inputs.reshape(-1, TILE)[first : first + 2, 0])
-
-
-def test_the_path_of_the_patch():
-    up = (0.0, 0.0, 1.0)
-    rolling = spheres((2.0, (3.0, 0.0, 0.0), (0.0, 1.5, 0.0)))
-    assert path(rolling, 0, -1, up, (2.0, 0.0)) == pytest.approx((3.0, 0.0))
-    back = spheres((2.0, (0.0, -3.0, 0.0), (1.5, 0.0, 0.0)))
-    assert path(back, 0, -1, up, (2.0, 0.0)) == pytest.approx((0.0, -3.0)), "the way has a direction"
-    skidding = spheres((2.0, (3.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
-    assert path(skidding, 0, -1, up, (2.0, 0.0)) == pytest.approx((1.5, 0.0)), "new material on one side only"
-    riding = spheres((2.0, (3.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
-    assert path(riding, 0, -1 - BASINS, (0.0, 0.0, -1.0), (2.0, 0.0), plate=3.0) == (0.0, 0.0)
-    gears = spheres((1.0, (0.0, 0.0, 0.0), (0.0, 0.0, 2.0)), (1.0, (0.0, 0.0, 0.0), (0.0, 0.0, -2.0)))
-    assert np.hypot(*path(gears, 0, 1, (-1.0, 0.0, 0.0), (1.0, 1.0))) == pytest.approx(2.0)
-    # two spheres that turn about their common centre as one body
-    dumbbell = spheres((1.0, (0.0, -2.0, 0.0), (0.0, 0.0, 2.0)), (1.0, (0.0, 2.0, 0.0), (0.0, 0.0, 2.0)))
-    assert path(dumbbell, 0, 1, (-1.0, 0.0, 0.0), (1.0, 1.0)) == pytest.approx((0.0, 0.0), abs=1e-15)
 
 
 # -- the tangent --

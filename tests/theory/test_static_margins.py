@@ -1,9 +1,8 @@
 """Distance from static equilibrium: the margins `force_balance` and `moment_balance`, and the reason `unbalanced`."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from steel import SCENES
 from thirdbody_three_spot import LABELLER
 from thirdbody_three_spot.balance import balance
 
@@ -11,7 +10,6 @@ import thirdbody
 from thirdbody.assembly.simulation import build
 
 RADIUS, SPEED = 1e-5, 0.05
-SCENES = Path(__file__).parents[2] / "scenes"
 
 
 def report(simulation, number=0):

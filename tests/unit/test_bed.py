@@ -41,7 +41,6 @@ from thirdbody.trajectory.bed import (
 )
 from thirdbody.trajectory.bed_measures import BedMeasures, Interval
 from thirdbody.trajectory.drag import Drag
-from thirdbody.trajectory.frame import FrameMaker
 from thirdbody.trajectory.names import ACCOMMODATION, BED
 
 R, DENSITY, MODULUS, PRESSURE = 5e-6, 7850.0, 1e11, 1e6
@@ -147,19 +146,12 @@ def test_a_column_of_balls_at_rest_has_the_measures_of_statics(column, tmp_path)
     between, plate = ((9.0 * LOAD**2 / (16.0 * e_star**2 * radius)) ** (1.0 / 3.0) for radius in (0.5 * R, R))
     # what is left of the oscillations after six microseconds is far below a thousandth
     assert series["overlap_ratio"] == pytest.approx((3.0 * between + 2.0 * plate) / 5.0 / R, rel=1e-3)
-    rows = np.zeros((2, record.WIDTH))  # two balls, and one on a plate
-    rows[:, record.OVERLAP], rows[:, record.SPHERE_RADIUS], rows[:, record.PARTNER_RADIUS] = 1e-9, 1e-6, (5e-7, 0.0)
-    by_hand = SimpleNamespace(state=SimpleNamespace(slots=SimpleNamespace(R=rows)), _loaded=lambda: slice(None))
-    assert BedMeasures._overlap_ratio(by_hand) == pytest.approx(1.5e-3, rel=1e-12)
-    rows[:, record.NORMAL_FORCE], rows[0, record.TANGENTIAL_FORCE] = (3.0, 15.0), 4.0  # 5 and 15 N; on the bodies 3 and 1 N
+    rows = np.zeros((2, record.WIDTH))  # a contact of 5 N between two balls, one of 15 N with a plate; on the bodies 3 and 1 N
+    rows[:, record.NORMAL_FORCE], rows[0, record.TANGENTIAL_FORCE] = (3.0, 15.0), 4.0
     slots = SimpleNamespace(R=rows, own=np.zeros(2, int), partner=np.array([1, -1]))
     state = SimpleNamespace(slots=slots, body=np.arange(2), B=np.zeros((2, body.FORCE + 3)))
     state.B[:, body.FORCE] = 3.0, -1.0
     assert BedMeasures._unbalanced_force(SimpleNamespace(state=state, _loaded=lambda: np.arange(2))) == pytest.approx(0.2)
-    state = SimpleNamespace(world=SimpleNamespace(size=(2.0, 5.0)), bodies=SimpleNamespace(velocity=0.0))
-    maker = SimpleNamespace(state=state, interval_means={"velocity": 4.0}, _gap=lambda: 7.0)
-    lines = {"elastic_normal": 1.0, "elastic_tangential": 2.0}
-    assert FrameMaker._bed_series(maker, SimpleNamespace(series=lambda *all: all), 30.0, lines) == (Interval(3.0, 4.0, 7.0), 3.0)
     assert series["softness"] == pytest.approx((e_star * SIDE**2 / LOAD) ** (2.0 / 3.0), rel=1e-3)
     assert series["coordination_number"] == 2.0  # three contacts of two balls, two of one
     assert series["unbalanced_force"] < 1e-3 and series["kinetic_energy_ratio"] < 1e-6
@@ -342,7 +334,6 @@ def run_of(folder, **changes):
 
 
 def check_sum(run):
-    """In every interval after the ramp the parts add up to the path of the plate over its time."""
     total = sum(run.series[name] for name in ACCOMMODATION)
     means = np.diff(run.series["displacement"]) / np.diff(run.times)
     settled = run.series["distance"][:-1] > 0.25e-6

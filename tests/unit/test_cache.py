@@ -189,7 +189,6 @@ HIT, MISS = 1, 0
 
 @pytest.fixture
 def load(tmp_path, monkeypatch):
-    """Imports a compiled function as a new process does, and tells whether it was found compiled."""
     (tmp_path / "law.py").write_text(TEXT)
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
 

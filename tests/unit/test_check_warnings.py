@@ -6,13 +6,12 @@ import math
 import re
 import time
 import tracemalloc
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from each import each
-from steel import scene_text
+from steel import SCENES, scene_text
 
 from thirdbody.api import run
 from thirdbody.assembly.cautions import adhesion_warnings, expected_heat, expected_wear, neighbours
@@ -29,7 +28,6 @@ from thirdbody.runner.outlook import memory_of, run_warnings
 from thirdbody.runner.simulate import prepare
 from thirdbody.scene.model import Scene
 
-SCENES = Path(__file__).parents[2] / "scenes"
 # one ball of 10 um between steel plates: 0.01 mN gives a peak pressure of 1.45 GPa, below first yield
 DEBRIS = '[[debris]]\nmaterial = "steel"\nkind = "irregular"\nspheres = 1\naspect = [1.0, 1.0, 1.0]\ncount = 1\n'
 DEBRIS += 'size = {distribution = "lognormal", median = "10 um", sigma = 0.2, min = "9 um", max = "11 um"}'
@@ -191,7 +189,6 @@ def test_a_long_run_a_large_file_and_frames_that_take_days_are_reported():
 
 
 def test_a_trial_that_a_guard_stops_is_a_warning():
-    """A time step of ten times its bound, accepted by force."""
     built = build(scene(("[output]", 'time_step = "30 ns"\n[output]')), force=True)
     report = check.check_report(built)
     assert math.isnan(report["estimated_wall_time"])

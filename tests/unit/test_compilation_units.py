@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 from numba import types
+from steel import SCENES
 
 import thirdbody
 from thirdbody.engine import units
@@ -16,7 +17,6 @@ from thirdbody.jit.arguments import address
 from thirdbody.jit.options import Entry, entry
 from thirdbody.runner.simulate import likely_units
 
-SCENES = Path(__file__).parents[2] / "scenes"
 REST = ("search", "books", "labels")
 BODIES, ENSEMBLE, ISLANDS = ("driver", *REST), ("driver", "ensemble", *REST), ("driver", "pairs", *REST)
 

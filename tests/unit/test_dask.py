@@ -40,7 +40,6 @@ def rows(sweep):
 
 @SLOW
 def test_sweep_on_dask_has_the_table_of_local_processes(client, tmp_path):
-    """One point fails: it is a row in both."""
     base = scene(**SMALL)
     local = thirdbody.sweep(base, VARY, tmp_path / "local", progress=False)
     there = thirdbody.sweep(base, VARY, tmp_path / "dask", executor=client, progress=False)

@@ -1,4 +1,4 @@
-"""Rolling resistance and local damping in a scene: what can be given, what is refused, what an absent effect leaves behind."""
+"""Rolling resistance and local damping in a scene: what can be given, what is refused, how much of it a pair may override."""
 
 import numpy as np
 import pytest
@@ -43,17 +43,6 @@ def report(*texts: str) -> str:
     with pytest.raises(InputError) as caught:
         build(scene(*texts))
     return str(caught.value)
-
-
-def test_an_effect_that_is_not_named_leaves_nothing_behind():
-    bare, rolling = build(scene()), build(scene(ROLLING))
-    assert not any("rolling" in law.name for law in bare.choice.chain.laws)
-    assert bare.state.slots.R.shape[1] == record.WIDTH and rolling.state.slots.R.shape[1] == record.ROLLING_WIDTH
-    assert set(rolling.choice.chain.history) - set(bare.choice.chain.history) == {
-        "rolling_resistance.moment_x", "rolling_resistance.moment_y", "rolling_resistance.stiffness", "springs.energy",
-        "viscous.moment",
-    }  # fmt: skip
-    assert not bare.choice.effects
 
 
 def test_contacts_report_the_moment_only_if_it_is_named(tmp_path):

@@ -112,7 +112,6 @@ def test_a_film_moves_its_bodies_and_nothing_else(layer, tmp_path):
 
 @pytest.mark.full(kind="slow")
 def test_a_body_is_followed_or_passes_by(layer, tmp_path):
-    """Followed, the particle stays where it is in the picture; before a fixed camera it goes along."""
     skip_unless_drawable()
     moved = {}
     for camera in ("follow", "fixed"):

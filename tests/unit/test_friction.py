@@ -14,6 +14,7 @@ import pytest
 from each import each
 from layer import write_layer
 from slow import slow
+from steel import SCENES
 
 import thirdbody
 from thirdbody.engine.upper_plate import Schedule, Segment
@@ -30,7 +31,6 @@ from thirdbody.trajectory.summary import energy_verdict, run_summary
 
 from .test_plot import LOAD, stroke, write
 
-SCENES = Path(__file__).parents[2] / "scenes"
 FRAMES = 41
 
 
@@ -46,7 +46,6 @@ def drifting(tmp_path) -> Path:
 
 
 def friction(u: np.ndarray, mu: np.ndarray, direct: float = 0.0):
-    """Of a made-up course of displacement and coefficient, without a file."""
     distance = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(u)))))
     force = np.column_stack((-LOAD * np.nan_to_num(mu), 0.0 * u, LOAD + 0.0 * u))
     series = {"distance": distance, "displacement": u, "friction_coefficient": mu, "upper_force": force}

@@ -1,8 +1,6 @@
-"""Height fields: the spline against scipy's, closest points against fine grids, derivatives against differences; what kernels may
-assume of any first body: overlap, normal, effective radius, velocity."""
+"""Height fields: the spline against scipy's, closest points against fine grids, derivatives against differences."""
 
 import math
-from collections import namedtuple
 
 import numpy as np
 import pytest
@@ -10,10 +8,7 @@ from each import each
 from numba import njit
 from scipy import ndimage
 
-from thirdbody.kernels import closest_point, height_field, plates
-from thirdbody.kernels.arguments import Motion
-from thirdbody.kernels.plates import BASINS
-from thirdbody.kernels.tables import patch, sphere, surface_contact
+from thirdbody.kernels import closest_point, height_field
 
 # the engine's functions have no wrappers for Python
 PERIOD, CELLS = (2e-5, 1.6e-5), (128, 96)
@@ -219,74 +214,3 @@ def test_of_more_minima_than_rows_the_nearest_are_kept():
     assert 8 < n <= 64
     assert minima_of(field, (4.1e-6, 4.2e-6, 3.3e-6), 3.4e-6, few) == 4
     assert np.array_equal(few, every[:3])
-
-
-LOWER, UPPER = -1, -1 - 2 * BASINS  # the second patch
-MIDDLE = (0.3, -0.2, 0.9)
-
-
-Context = namedtuple("Context", "own partner S P Q")  # noqa: PYI024
-
-
-def candidate(partner, x, P, rows=0):
-    S = np.zeros((1, sphere.WIDTH))
-    S[0, sphere.POSITION3], S[0, sphere.RADIUS] = x, 1.0
-    return Context(np.zeros(1, np.int32), np.full(1, partner, np.int32), S, P, np.zeros((rows, surface_contact.WIDTH)))
-
-
-def compiled(function):
-    return njit(lambda *arguments: function(*arguments))
-
-
-overlap, normal, normal_before = map(compiled, (plates.overlap, plates.normal, plates.normal_before))
-effective_radius, radius_of_curvature = compiled(plates.effective_radius), compiled(plates.radius_of_curvature)
-to_surface, velocity = compiled(plates.to_surface), compiled(plates.velocity)
-
-
-def radii(candidate):
-    return effective_radius(0, candidate), radius_of_curvature(0, candidate)
-
-
-@pytest.fixture
-def patches():
-    P = np.zeros((2, patch.WIDTH))
-    P[:, patch.HEIGHT], P[:, patch.VELOCITY], P[:, patch.DISPLACEMENT2] = (9.0, 1.8), (7.0, 0.5), ((5.0, 6.0), (0.1, 0.4))
-    return P
-
-
-def test_the_normal_points_where_the_overlap_decreases_fastest(patches):
-    h = 1e-6
-    for partner in (LOWER, UPPER):
-        gradient = []
-        for axis in np.eye(3):
-            points = [candidate(partner, np.add(MIDDLE, sign * h * axis), patches) for sign in (1.0, -1.0)]
-            gradient.append((overlap(0, points[0]) - overlap(0, points[1])) / (2.0 * h))
-        here = normal(0, candidate(partner, MIDDLE, patches))
-        # rounding of a difference of lengths of about 1 over 2e-6
-        assert np.negative(gradient) == pytest.approx(here, abs=1e-9)
-        assert np.linalg.norm(here) == 1.0
-        assert overlap(0, candidate(partner, MIDDLE, patches)) == pytest.approx(0.1, rel=1e-12)
-
-
-def test_a_surface_moves_with_its_plate_and_has_the_debris_above_it(patches):
-    assert to_surface(LOWER, MIDDLE, patches) == MIDDLE
-    assert to_surface(UPPER, MIDDLE, patches) == pytest.approx((0.3 - 0.1, -0.2 - 0.4, 1.8 - 0.9))
-    motion = Motion(1e-9, 3.0, -4.0)  # of the upper plate alone
-    assert velocity(LOWER, patches, motion) == (0.0, 0.0, 0.0) and velocity(UPPER, patches, motion) == (3.0, -4.0, 0.5)
-    assert radii(candidate(LOWER, MIDDLE, patches)) == (1.0, 0.0)  # flat plates leave the radius of the sphere
-
-
-def test_rough_plates_answer_from_the_table_of_closest_points(patches):
-    """On a sphere of radius 1, 1.9 away from its centre: the normal turns by half of what the distance of the centres does."""
-    rough = candidate(LOWER, MIDDLE, patches, rows=1)
-    row, n = rough.Q[0], np.array([0.6, 0.0, 0.8])
-    row[surface_contact.DISTANCE], row[surface_contact.NORMAL3], row[surface_contact.RADIUS] = 0.9, n, 0.5
-    turning = (np.eye(3) - np.outer(n, n)) / 1.9
-    row[surface_contact.NORMAL_GRADIENT6] = turning[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    assert overlap(0, rough) == pytest.approx(0.1) and normal(0, rough) == tuple(n)
-    assert radii(rough) == pytest.approx((0.5, 1.0))
-    move = np.array([2e-3, -1e-3, 3e-3])
-    before = (1.9 * n - move) / np.linalg.norm(1.9 * n - move)
-    # to first order: the square of the move over 1.9
-    assert normal_before(0, tuple(move), rough) == pytest.approx(before, abs=4e-6)
-    assert np.linalg.norm(normal_before(0, tuple(move), rough)) == pytest.approx(1.0, rel=1e-15)

@@ -1,9 +1,8 @@
 """Ensembles keep rows of closed contacts only: same bits as with all rows, also after a checkpoint, and less memory."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from steel import SCENES
 
 from thirdbody.api import open_run
 from thirdbody.engine import implicit, implicit_ensemble
@@ -17,7 +16,7 @@ from thirdbody.runner.simulate import execute, prepare
 from thirdbody.scene.model import Scene
 from thirdbody.trajectory.frame import FrameMaker
 
-SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
+SCENE = SCENES / "sheared_debris.toml"
 SETTINGS = {
     "debris.0.count": 20, "debris.0.shapes": 5, "contact.debris_contact": "none", "domain.size": ["200 um", "150 um"],
     "plates.upper.motion.x.velocity": "1 mm/s", "solver.distance": "0.2 um", "output.every": "0.1 um",

@@ -153,7 +153,6 @@ def test_coulomb_path_by_hand(kind):
 
 
 def test_the_module_of_laws_as_it_stands_is_hertz_alone():
-    """Its own head and the one that is generated give the same bits."""
     inputs = np.zeros((law_input.HISTORY + rolling_input.WIDTH, TILE))
     inputs[law_input.OVERLAP], inputs[law_input.RADIUS], inputs[law_input.SLIP_X] = np.geomspace(1e-12, 1e-8, TILE), 1e-6, 1e-9
     chain, e_stars = compose((HERTZ,)), np.array([110e9])

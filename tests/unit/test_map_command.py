@@ -40,15 +40,6 @@ def test_json_reports_fig_2_and_the_limits(command, tmp_path):
     assert np.allclose(limits["mu_required"], np.maximum(np.abs(x) - 0.25, 0.0))  # how far x_1 is outside the lower spots
 
 
-def test_what_cannot_be_drawn_is_reported(command, tmp_path):
-    for words, status, message in (  # and tests/doors/test_bad_calls.py
-        (("--H", "wide"), 2, "--H"), (("-o", "map.gif"), 2, ".png, .pdf, .svg"), (("extra",), 2, "extra"),
-    ):  # fmt: skip
-        code, out, err = command(*words)
-        assert code == status and message in err and "Traceback" not in err, words
-        assert not out and not list(tmp_path.iterdir()), words
-
-
 def test_areas_and_points_are_drawn_where_they_are():
     for x_1, mu, name in ((0.0, 0.4, "sliding"), (0.0, 0.6, "sticking"), (0.9, 0.3, "rolling"), (0.9, 0.5, "sliding"),
                           (-0.9, 0.3, "rolling"), (-0.9, 0.5, "sticking")):  # fmt: skip

@@ -1,4 +1,4 @@
-"""Parts of arrays of constant size, fields of laws between the rows of contacts and tiles, three numbers in one."""
+"""Parts of arrays of constant size, fields of laws between the rows of contacts and tiles."""
 
 from collections import namedtuple
 
@@ -9,7 +9,6 @@ from numba.core.errors import TypingError
 
 from thirdbody.jit.arguments import array_part
 from thirdbody.kernels.arguments import Tile
-from thirdbody.kernels.books import pack_triple, unpack_triple
 from thirdbody.kernels.contact_geometry import gather_history, load_history
 from thirdbody.kernels.memory import load_field, pieces, store_history
 from thirdbody.kernels.tables import contact_state
@@ -73,22 +72,3 @@ def test_rows_survive_loading_and_storing(read):
         tile.outputs.reshape(-1, TILE)[law_output.HISTORY :] = 2.0 * inputs
         store(slots, context, tile)
         assert np.array_equal(context.H[slots, contact_state.LAW : contact_state.LAW + history], 2.0 * laws), history
-
-
-@njit(error_model="numpy")
-def recalled(numbers):
-    found = np.empty_like(numbers)
-    for k in range(len(found)):
-        found[k] = unpack_triple(pack_triple(numbers[k, 0], numbers[k, 1], numbers[k, 2]))
-    return found
-
-
-@pytest.mark.full(kind="slow")
-def test_three_numbers_in_one_come_back_to_a_part_in_65536_of_the_largest():
-    # from 1e-150 to 1e150, most of them of unlike size
-    rng = np.random.default_rng(5)
-    unlike = rng.uniform(-1.0, 1.0, (20_000, 3)) * 10.0 ** rng.uniform(-6.0, 0.0, (20_000, 3))
-    numbers = unlike * 10.0 ** rng.uniform(-150.0, 150.0, (20_000, 1))
-    error = np.abs(recalled(numbers) - numbers).max(axis=1) / np.abs(numbers).max(axis=1)
-    assert 2.0**-18 < error.max() <= 2.0**-16 * (1.0 + 2.0**-16)  # the largest may be next to the next power
-    assert not recalled(np.zeros((1, 3))).any() and not np.isfinite(recalled(np.array([[1.0, -np.inf, 3.0]]))).all()

@@ -40,7 +40,6 @@ def images(spheres, ids, size, periodic):
 
 
 def least_gap(spheres, ids, size, periodic):
-    """Least gap over the sum of radii of spheres of different bodies, or of a body and its own image."""
     all_spheres, all_ids = images(spheres, ids, size, periodic)
     reach = spheres[:, None, 3] + all_spheres[:, 3]
     gap = (np.linalg.norm(spheres[:, None, :3] - all_spheres[:, :3], axis=2) - reach) / reach

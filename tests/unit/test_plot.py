@@ -51,7 +51,6 @@ def series_of(u, mu, number):
 
 
 def codes(number):
-    """States of the bodies: first all stick, then one after the other slides, and at last rolls."""
     return np.clip(1 + (number - np.arange(BODIES)) // 8, 1, 3).astype(np.uint8)
 
 
@@ -362,15 +361,9 @@ def test_the_command_and_python_write_what_they_name(command, run, folder, tmp_p
 
 
 def test_what_cannot_be_drawn_is_reported_in_one_line(command, folder, tmp_path):
-    for words, status, message in (  # and tests/doors/test_bad_calls.py
-        (("run", "-o", "x.gif"), 2, "x.gif: a picture ends in .png, .pdf, .svg"),
-        (("run", "--panel", "mu"), 2, "no panel is called 'mu': there are friction, loop,"),
-        (("run", "--panel", "loop"), 3, "no panel 'loop'"),
-        (("run", "--frame", "41"), 3, "frames are from -41 to 40"),
-    ):
-        code, out, err = command("plot", *words)
-        assert code == status and message in err and len(err.splitlines()) == 1 and not out, words
-        assert os.listdir(tmp_path) == ["run"], words
+    code, out, err = command("plot", "run", "-o", "x.gif")
+    assert code == 2 and "x.gif: a picture ends in .png, .pdf, .svg" in err and len(err.splitlines()) == 1 and not out
+    assert os.listdir(tmp_path) == ["run"]
     (tmp_path / "x.png").mkdir()
     with pytest.raises(OutputError, match="x.png: cannot be written"):
         plot(folder, tmp_path / "x.png", ["gap"])

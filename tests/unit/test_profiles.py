@@ -29,7 +29,6 @@ BALL = 4.0 / 3.0 * math.pi * R**3
 
 
 def volumes(slabs, centres, radii):
-    """Volume and first moment of every sphere in every slab, (n, count)."""
     parts, moments = sphere_parts(slabs, centres, radii)
     return dense(slabs, parts, len(radii)), dense(slabs, parts._replace(amount=moments), len(radii))
 

@@ -1,7 +1,6 @@
-"""Rough plates: bodies laid on one, the height of the upper one, rows of contacts, what `check` says, pieces of runs."""
+"""Rough plates: bodies laid on one, the height of the upper one, what `check` says, pieces of runs."""
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,10 +12,6 @@ from thirdbody.assembly.populate import depth_in_lower, plate_heights, populate,
 from thirdbody.assembly.surfaces import MERGING, NARROW, NOTICED, plate_surfaces, surface_scales
 from thirdbody.bodies.packing import overlaps
 from thirdbody.errors import InputError, Interrupted
-from thirdbody.kernels import minima as contacts_of_spheres
-from thirdbody.kernels.closest_point import MERGE
-from thirdbody.kernels.plates import BASINS
-from thirdbody.kernels.tables import height_field, surface_contact
 from thirdbody.report.scene_check import print_rough_plates
 from thirdbody.runner.resume import prepare_resume
 from thirdbody.runner.simulate import execute, prepare
@@ -68,44 +63,6 @@ def test_a_layer_lies_on_the_rough_plate_and_its_bodies_do_not_overlap():
     crest, valley = plate_heights(surface, centres, radii)
     assert crest == pytest.approx(6e-6, abs=1e-11) and valley == pytest.approx(4e-6, abs=1e-11)
     np.testing.assert_allclose(plate_heights(None, centres, radii), 5e-6, rtol=1e-15)
-
-
-X = surface_contact.OFFSET
-
-
-def searched(rows, minima):
-    """Rows of two spheres, and bits of the first, after a search in Python that finds minima at these x, in cells of 1 m."""
-
-    def find_minima(field, centre, farthest, found):
-        found[: len(minima), 0], found[: len(minima), 1], found[: len(minima), 2] = minima, 0.0, 1.0
-        return len(minima)
-
-    def follow(k, field, x, start, tables):
-        Q[k, X], Q[k, X + 1] = start
-
-    field, Q = np.zeros(height_field.WIDTH), np.zeros((2 * BASINS, surface_contact.WIDTH))
-    field[[height_field.RATE_X, height_field.RATE_Y]] = 1.0
-    Q[: len(rows), X], Q[0, surface_contact.MINIMA] = rows, (1 << len(rows)) - 1
-    with pytest.MonkeyPatch.context() as patch:
-        for name in ("is_same", "offset_of", "has_minimum", "set_minimum", "end_minimum"):
-            patch.setattr(contacts_of_spheres, name, getattr(contacts_of_spheres, name).py_func)
-        patch.setattr(contacts_of_spheres.closest_point, "find_minima", find_minima)
-        patch.setattr(contacts_of_spheres, "follow", follow)
-        contacts_of_spheres.search_all.py_func(0, field, (0.0, 0.0, 0.0), (2.0, 1.0), SimpleNamespace(Q=Q))
-    return Q, int(Q[0, surface_contact.MINIMA])
-
-
-def test_minima_that_exist_keep_their_rows():
-    # of two rows at one minimum one keeps it: both are within the tolerance of 2 MERGE of the minimum at 0
-    apart = 1.5 * MERGE
-    Q, bits = searched([-apart, apart], [float(m) for m in range(BASINS)])
-    assert bits == (1 << BASINS) - 1
-    assert Q[:BASINS, X].tolist() == [-apart] + [float(m) for m in range(1, BASINS)]
-    assert not Q[BASINS:].any()  # the rows of the next sphere
-    # new ones get the free places
-    Q, bits = searched([5.0, 6.0, 7.0], [3.0, 7.0, 5.0])
-    assert bits == 0b111 and Q[:3, X].tolist() == [5.0, 3.0, 7.0]
-    assert int(Q[0, surface_contact.ENDED]) == 0b010
 
 
 WAVELENGTH, RADIUS = 20e-6, 5e-6

@@ -1,6 +1,4 @@
-"""Four numbers at once: every function has the bits of numpy's arithmetic number by number; small turns; arrays on the stack."""
-
-import itertools
+"""Four numbers at once: the bits of numpy's arithmetic number by number; small turns; arrays on the stack."""
 
 import numpy as np
 from numba import njit
@@ -37,32 +35,6 @@ def arithmetic(A, B, C, out):
 
 
 @njit(error_model="numpy")
-def lanes(A, B, out):
-    for i in range(A.shape[0]):
-        a, b = simd.load(A, i, 0), simd.load(B, i, 0)
-        simd.store(out[0], i, 0, simd.broadcast_lane(a, 0))
-        simd.store(out[1], i, 0, simd.broadcast_lane(a, 1))
-        simd.store(out[2], i, 0, simd.broadcast_lane(a, 2))
-        simd.store(out[3], i, 0, simd.broadcast_lane(a, 3))
-        simd.store(out[4], i, 0, simd.set4(simd.extract(b, 3), simd.extract(a, 2), simd.extract(b, 1), simd.extract(a, 0)))
-        simd.store(out[5], i, 0, simd.with_last(a, b))
-        simd.store(out[6], i, 0, simd.broadcast(B[i, 2]))
-        simd.store(out[7], i, 0, simd.axis_times_quaternion(a, 0))
-        simd.store(out[8], i, 0, simd.axis_times_quaternion(a, 1))
-        simd.store(out[9], i, 0, simd.axis_times_quaternion(a, 2))
-
-
-@njit(error_model="numpy")
-def turned_over(A, out):
-    for i in range(0, A.shape[0], 4):
-        columns = simd.transpose(simd.load(A, i, 0), simd.load(A, i + 1, 0), simd.load(A, i + 2, 0), simd.load(A, i + 3, 0))
-        simd.store(out, i, 0, columns[0])
-        simd.store(out, i + 1, 0, columns[1])
-        simd.store(out, i + 2, 0, columns[2])
-        simd.store(out, i + 3, 0, columns[3])
-
-
-@njit(error_model="numpy")
 def compared(A, B, least, out, bits, whole):
     for i in range(A.shape[0]):
         a, b = simd.load(A, i, 0), simd.load(B, i, 0)
@@ -72,16 +44,6 @@ def compared(A, B, least, out, bits, whole):
         simd.store(out[3], i, 0, a / b)
         simd.store(out[4], i, 0, simd.flush_below(a, least))
         bits[i], whole[i] = simd.less_mask(a, b), simd.all_below(a, least)
-
-
-@njit(error_model="numpy")
-def sorted_out(A, closed, some, opened):
-    m, o = 0, 0
-    for k in range(0, A.shape[0], 4):
-        bits = simd.active_bits(closed, k, simd.get(A, k))
-        m += simd.compress_store(some, m, k, bits & 15)
-        o += simd.compress_store(opened, o, k, bits >> 4)
-    return m, o
 
 
 def test_arithmetic_has_the_bits_of_numpy():
@@ -98,28 +60,6 @@ def test_arithmetic_has_the_bits_of_numpy():
         assert alike(np.ascontiguousarray(out[3, :, :3]), expected[3])
         assert np.all(out[3, :, 3] == 0.0)  # what stands behind a vector stays nothing
     assert alike(out[4], a + b * c) and alike(out[5], a * b - c)
-
-
-def test_numbers_go_where_they_are_sent():
-    a, b = numbers(40, 6), numbers(40, 7)
-    a[3], b[4] = ODD[:4], ODD[3:7]
-    out = np.full((10, *a.shape), 7.0)
-    lanes(a, b, out)
-    for k in range(4):
-        assert alike(out[k], np.repeat(a[:, k : k + 1], 4, axis=1))
-    assert alike(out[4], np.column_stack((b[:, 3], a[:, 2], b[:, 1], a[:, 0])))
-    assert alike(out[5], np.column_stack((a[:, :3], b[:, 3])))
-    assert alike(out[6], np.repeat(b[:, 2:3], 4, axis=1))
-    w, x, y, z = a.T  # i, j and k times the quaternion w + x i + y j + z k
-    assert alike(out[7], np.column_stack((-x, w, -z, y)))
-    assert alike(out[8], np.column_stack((-y, z, w, -x)))
-    assert alike(out[9], np.column_stack((-z, -y, x, w)))
-    # rows become columns
-    a = numbers(40, 8)
-    a[:4] = np.reshape(ODD, (4, 4))
-    out = np.empty_like(a)
-    turned_over(a, out)
-    assert alike(out, np.ascontiguousarray(a.reshape(10, 4, 4).transpose(0, 2, 1)).reshape(40, 4))
 
 
 def test_numbers_are_compared_and_rounded_as_numpy_does():
@@ -142,19 +82,6 @@ def test_numbers_are_compared_and_rounded_as_numpy_does():
         assert alike(cut, np.where(np.abs(a) <= least, 0.0, a)), least
         assert np.array_equal(np.isnan(cut), np.isnan(a)) and np.isnan(cut).sum() == 2
         assert not np.any(np.signbit(cut[cut == 0.0]))
-
-
-def test_positive_numbers_are_listed_with_those_that_were_before():
-    """All 16 patterns of what is positive now, by all of what was: open or closed."""
-    now = np.array(list(itertools.product((1.0, -1.0), repeat=4)))
-    was = np.array(list(itertools.product((0, 1), repeat=4)))
-    a, closed = np.repeat(now, len(was), axis=0).ravel(), np.tile(was, (len(now), 1)).ravel().astype(np.int8)
-    a[::7] = np.where(a[::7] > 0.0, a[::7], np.nan)
-    before, some, opened = closed.copy(), np.empty(a.size + 4, np.int32), np.empty(a.size + 4, np.int32)
-    m, o = sorted_out(a, closed, some, opened)
-    on = a > 0.0
-    assert np.array_equal(some[:m], np.flatnonzero(on)) and np.array_equal(opened[:o], np.flatnonzero(~on & (before != 0)))
-    assert np.array_equal(closed, on)
 
 
 @njit(error_model="numpy")

@@ -4,21 +4,18 @@ import itertools
 import json
 import math
 
-import numpy as np
 import pytest
 from each import each
 from steel import scene_text
 
-from thirdbody.api import open_run, resume, run
+from thirdbody.api import run
 from thirdbody.assembly.bed import Bed
 from thirdbody.assembly.schedule import schedule
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.upper_plate import at_time
-from thirdbody.errors import InputError, Interrupted
+from thirdbody.errors import InputError
 from thirdbody.report.scene_check import Check, check_report
 from thirdbody.runner.outlook import speed_report
-from thirdbody.runner.run_loop import WallTimes
-from thirdbody.runner.simulate import execute, prepare
 from thirdbody.scene.model import Scene
 from thirdbody.scene.speed import at_speed
 
@@ -186,18 +183,6 @@ def test_a_run_keeps_both_times(finished):
     assert summary["scene_time"] == series["scene_time"][-1] and finished.units["scene_time"] == "s"
     assert finished.header["speed_scale"]["text"] == scale["text"]
     assert Scene.parse(finished.scene_text) == scene()
-
-
-def test_a_run_goes_on_with_the_same_bits(finished, tmp_path):
-    watches = iter(range(40))
-    with pytest.raises(Interrupted):
-        execute(prepare(scene()), tmp_path / "run", 1, stop=lambda: next(watches, None) is None, times=WallTimes(every=math.inf))
-    with open_run(tmp_path / "run") as part:
-        assert part.frames < finished.frames
-    with resume(tmp_path / "run", 1, False) as whole:
-        assert list(whole.series) == list(finished.series)
-        for name, values in finished.series.items():
-            assert np.array_equal(whole.series[name], values, equal_nan=True), name
 
 
 NO_PRESSURE = {"plates.upper.pressure": None}

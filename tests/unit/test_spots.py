@@ -9,7 +9,6 @@ from thirdbody.assembly.simulation import build
 from thirdbody.bodies.clump import positions_in_rows, spot_body
 from thirdbody.errors import InputError
 from thirdbody.kernels.plates import BASINS
-from thirdbody.kernels.tables import body, body_extra
 from thirdbody.scene.model import Scene
 from thirdbody.schema.write import toml_text
 
@@ -45,22 +44,6 @@ def test_summits_stand_on_the_plates_and_meet_their_own_side_only():
     built = build(scene(SPOTS + MASS + 'positions = [["10 um", "10 um"], ["11 um", "10 um"]]\n'))
     built.integrator.advance_to(time=0.5 * built.settle)
     assert np.all(built.state.slots.partner < 0) and built.state.slots.count == 6
-
-
-def test_gross_sliding_of_the_planar_particle():
-    """N_2/N_1 = (x_3 - x_1 + mu h)/(x_3 - x_2) (tilt free, drag toward -x), and nothing ever leaves the plane."""
-    built = build(scene(PLANAR))
-    built.integrator.advance_to(distance=20e-9)
-    state = built.state
-    assert state.B[0, body.VELOCITY + 1] == 0.0 and np.all(state.bodies.quaternion[0, [1, 3]] == 0.0)
-    assert np.all(state.E[0, [body_extra.ANGULAR_MOMENTUM, body_extra.ANGULAR_MOMENTUM + 2]] == 0.0)
-    forces, own = np.zeros(3), state.slots.own
-    forces[own] = state.slots.records.normal_force
-    # finite rotation of 4.5e-4 rad moves the spots by 1e-3 um
-    assert forces[1] / forces[0] == pytest.approx((1.5 - 0.2 + 0.3 * 4.0) / 3.5, rel=1e-3)
-    assert forces[0] == pytest.approx(1e-4, rel=1e-3)
-    expected = np.array([-1, 1, 1])[own] * 0.3 * forces[own]
-    assert state.slots.records.tangential_force[:, 0] == pytest.approx(expected, rel=1e-3)
 
 
 FAULTS = [

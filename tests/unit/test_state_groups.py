@@ -2,13 +2,13 @@
 
 import csv
 import json
-from pathlib import Path
 from types import SimpleNamespace
 
 import h5py
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
+from steel import SCENES
 
 import thirdbody
 from thirdbody.errors import InputError
@@ -21,7 +21,6 @@ from thirdbody.trajectory.names import Frame
 from thirdbody.trajectory.states import _load_fractions, _size_classes, states_by_group
 from thirdbody.trajectory.writer import TrajectoryWriter
 
-SCENES = Path(__file__).parents[2] / "scenes"
 SCENE = """
 scene = 1
 [[debris]]

@@ -86,7 +86,6 @@ def test_every_part_of_every_pass_is_done_once(members, present):
 
 
 def test_a_helper_takes_part():
-    """While the first member waits, the second one does all parts, its own and those of others."""
     words, announced, times, done = team(2, 1)
     with helpers(2, words, lambda member: follow(words, member, 2, announced, times, done)):
         words[FIRST::LINE], limit = 0, time.monotonic() + 60.0  # opened

@@ -256,16 +256,6 @@ def test_a_law_without_a_tangent_is_reported():
     assert any(warning.startswith("bare has no tangent") for warning in built.warnings)
 
 
-def test_without_friction_a_dragged_ball_slips_throughout():
-    text = 'support = "load_per_particle"\nload = "0.1 mN"\nmotion = {x = {velocity = "0.5 m/s"}}'
-    law = {"contact.law": "hertz_mindlin", "contact.level": "frictionless"}
-    built = build(scene(text, 'duration = "1 us"\nsettle = "1 us"').with_settings(law), discover())
-    built.integrator.advance_to(time=2e-6)
-    slip = built.state.slots.histories.slip
-    # the plate slides over balls at rest; the step in which the drag starts is shared
-    assert slip[(slip > 0.0) & (built.state.slots.partner < -1)] == pytest.approx(0.5e-6, rel=2e-3)
-
-
 def read(loading, held='load = "2 mN"'):
     return scene(f"{held}\nloading = {loading}", debris=ball("5 um", "50 um"))
 
