@@ -7,24 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BeforeValidator
 
 from thirdbody import units
-from thirdbody.debris.contract import Placement, RandomStreams, VolumeKeys
+from thirdbody.debris.contract import PlacedDebris, RandomStreams
 from thirdbody.errors import Fault, InputError
-from thirdbody.schema.fields import (
-    AT_REST,
-    THREE,
-    AngularVelocity,
-    Count,
-    Fraction,
-    Quantity,
-    Read,
-    Seed,
-    ShortForm,
-    Text,
-    Velocity,
-    Whole,
-    listing,
-    quantity_schema,
-)
+from thirdbody.schema.fields import THREE, Fraction, Quantity, Read, ShortForm, Whole, listing, quantity_schema
 from thirdbody.schema.parts import Part, Wrong
 from thirdbody.schema.sizes import Size
 
@@ -79,16 +64,13 @@ class Asperities(Part):
         return value
 
 
-class Irregular(VolumeKeys):
+class Irregular(PlacedDebris):
     """Random clumps. `size` is the volume-equivalent diameter (m), `spheres` the least and most per clump.
 
     `angularity` (0 to 1) shrinks the spheres towards the corners of the hull; `asperities` sit on the surface.
     """
 
     kind: Literal["irregular"] = "irregular"
-    material: Text
-    count: Count
-    seed: Seed = 1
     size: Size
     """Volume-equivalent diameter: a distribution, or one length.
     Example: {distribution = "lognormal", median = "10 um", sigma = 0.2}."""
@@ -107,9 +89,6 @@ class Irregular(VolumeKeys):
     """Small spheres where planes can touch the body. Example: {count = 3, radius = "0.5 um"}."""
     shapes: Annotated[int, Whole(ge=1)] | None = None
     """Number of different shapes; further bodies are copies of other sizes. Where it is not given, all differ. Example: 200."""
-    placement: Placement = "layer"
-    velocity: Velocity = AT_REST
-    angular_velocity: AngularVelocity = AT_REST
 
     def checks(self) -> list[Wrong]:
         minimum, maximum = self.spheres

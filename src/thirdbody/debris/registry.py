@@ -25,9 +25,6 @@ GROUP = "thirdbody.debris_kinds"
 FIRST = ("irregular", "spheres", "mesh", "spots", "file")
 """Kinds that lists begin with, in this order; the others follow by name."""
 
-NEEDED = ("kind", "material", "count", "velocity", "angular_velocity")
-"""Keys that every kind must have."""
-
 
 class DebrisKinds(Mapping[str, type[DebrisKind]]):
     """The kinds of debris by name: built-in, installed, and those of plug-in files.
@@ -141,8 +138,6 @@ def checked_kind(kind: Any, name: str | None = None) -> type[DebrisKind]:
         raise TypeError(f'{kind.__name__} has no name: declare kind: Literal["name"] = "name"')
     if name is not None and name_of(kind) != name:
         raise TypeError(f"{kind.__name__} is the kind '{name_of(kind)}', not '{name}'")
-    if missing := [key for key in NEEDED if key not in kind.model_fields]:
-        raise TypeError(f"{kind.__name__} lacks the keys {', '.join(missing)}: derive it from PlacedDebris, or declare them")
     return kind
 
 

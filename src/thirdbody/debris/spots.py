@@ -9,7 +9,6 @@ from thirdbody.debris.contract import CLEARANCE, DebrisKind, PlacedClumps, Popul
 from thirdbody.schema.fields import (
     AT_REST,
     THREE,
-    AngularVelocity,
     Choice,
     Count,
     Flag,
@@ -18,9 +17,7 @@ from thirdbody.schema.fields import (
     PositiveMass,
     Quantity,
     ShortForm,
-    Text,
     TwoLengths,
-    Velocity,
     listing,
     plain,
     quantity_schema,
@@ -72,7 +69,6 @@ class Spots(DebrisKind):
     meets_debris: ClassVar[bool] = False
 
     kind: Literal["spots"] = "spots"
-    material: Text
     spots: Annotated[tuple[Spot, ...], listing("a list of tables {side, x, y, z, radius}")]
     """Spots of a body, at least one on each side. Example: [{side = "upper", x = "0.2 um", z = "2 um", radius = "2 um"},
     {side = "lower", x = "0 um", z = "-2 um", radius = "1 um"}]."""
@@ -86,8 +82,6 @@ class Spots(DebrisKind):
     """Number of bodies, all alike; may be left out where `positions` are given. Example: 3."""
     positions: Annotated[tuple[TwoLengths, ...], listing("a list of points [x, y]")] | None = None
     """Places x, y of the centres of mass; by default rows over the domain. Example: [["6 um", "4 um"]]."""
-    velocity: Velocity = AT_REST
-    angular_velocity: AngularVelocity = AT_REST
 
     @classmethod
     def arrange(cls, raw: dict[str, Any]) -> dict[str, Any]:
@@ -114,10 +108,10 @@ class Spots(DebrisKind):
             faults += [
                 (("spots", k, "y"), "must be 0 in a planar particle") for k, spot in enumerate(self.spots) if spot.y != 0.0
             ]
-            if self.velocity[1] != 0.0:
+            if (self.velocity or AT_REST)[1] != 0.0:
                 faults.append((("velocity", 1), "must be 0 in a planar particle, which moves in the plane y = 0"))
             why = "must be 0 in a planar particle, which turns about y only"
-            faults += [(("angular_velocity", axis), why) for axis in (0, 2) if self.angular_velocity[axis] != 0.0]
+            faults += [(("angular_velocity", axis), why) for axis in (0, 2) if (self.angular_velocity or AT_REST)[axis] != 0.0]
         return faults
 
     def height(self) -> float:
