@@ -15,18 +15,7 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 def toml_text(document: dict[str, Any]) -> str:
     """Return the document as TOML text. Raises InputError for a value that TOML cannot represent."""
-    tables = {
-        name: value for name, value in document.items()
-        if isinstance(value, dict) or (isinstance(value, list) and value and all(isinstance(entry, dict) for entry in value))
-    }  # fmt: skip
-    lines = _assignments({name: value for name, value in document.items() if name not in tables}, ())
-    for name, value in tables.items():
-        if isinstance(value, dict):
-            lines += _table(value, (name,), f"[{_key(name)}]")
-        else:
-            for i, entry in enumerate(value):
-                lines += ["", f"[[{_key(name)}]]", *_assignments(entry, (name, i))]
-    return "\n".join(lines) + "\n"
+    return "\n".join(_table(document, (), "")) + "\n"
 
 
 def toml_value_text(value: Any, key: str) -> str:
@@ -48,12 +37,23 @@ def save_text(path: str | os.PathLike[str], text: str) -> None:
 
 
 def _table(table: dict[str, Any], location: Location, header: str) -> list[str]:
-    """Return header and lines; inner tables get headers of their own at the second level."""
-    nested = {key: value for key, value in table.items() if isinstance(value, dict) and len(location) < 2}
-    lines = _assignments({key: value for key, value in table.items() if key not in nested}, location)
-    lines = ["", header, *lines] if lines or not nested else []
-    for key, value in nested.items():
-        lines += _table(value, (*location, key), f"{header[:-1]}.{_key(key)}]")
+    """Return header and lines; tables of the first two levels, and lists of tables of the first, get headers of their own."""
+
+    def is_inner(value: Any) -> bool:
+        listed = isinstance(value, list) and value and all(isinstance(entry, dict) for entry in value)
+        return (isinstance(value, dict) and len(location) < 2) or (listed and not location)
+
+    inner = {key: value for key, value in table.items() if is_inner(value)}
+    lines = _assignments({key: value for key, value in table.items() if key not in inner}, location)
+    if header and (lines or not inner):
+        lines = ["", header, *lines]
+    for key, value in inner.items():
+        name = f"{header[1:-1]}.{_key(key)}" if header else _key(key)
+        if isinstance(value, dict):
+            lines += _table(value, (*location, key), f"[{name}]")
+        else:
+            for i, entry in enumerate(value):
+                lines += ["", f"[[{name}]]", *_assignments(entry, (key, i))]
     return lines
 
 
