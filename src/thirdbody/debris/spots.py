@@ -1,5 +1,6 @@
 """The debris kind `spots`: a particle given by the spots that it rests on, as in Willert's three-spot theory."""
 
+import math
 import numbers
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -129,13 +130,22 @@ class Spots(DebrisKind):
     def bodies(self, context: PopulationContext) -> PlacedClumps:
         import numpy as np
 
-        from thirdbody.bodies.clump import positions_in_rows, spot_body
+        from thirdbody.bodies.clump import Clump
+        from thirdbody.kernels.tables import ONLY_LOWER, ONLY_UPPER
 
-        summits = np.array([(spot.x, spot.y, spot.z) for spot in self.spots])
         radii = np.array([spot.radius for spot in self.spots])
         upper = np.array([spot.side == "upper" for spot in self.spots])
-        body = spot_body(summits, radii, upper, self.mass, self.inertia, context.density)
-        locations = positions_in_rows(self.count, context.domain) if self.positions is None else np.array(self.positions, float)
+        # a summit is the point that touches first; axes are the principal ones
+        centers = np.array([(spot.x, spot.y, spot.z) for spot in self.spots])
+        centers[:, 2] -= np.where(upper, radii, -radii)
+        volume, inertia = self.mass / context.density, np.array(self.inertia) / context.density
+        body = Clump(centers, radii, volume, inertia, 0.0, np.where(upper, ONLY_UPPER, ONLY_LOWER))
+        k, (width, depth) = np.arange(self.count), context.domain
+        columns = max(1, round(math.sqrt(self.count * width / depth)))  # in rows: a nearly square rectangular grid
+        lines = math.ceil(self.count / columns)
+        locations = np.column_stack(((k % columns + 0.5) * width / columns, (k // columns + 0.5) * depth / lines))
+        if self.positions is not None:
+            locations = np.array(self.positions, float)
         height = CLEARANCE * self.height() - min(spot.z for spot in self.spots)
         return PlacedClumps([body] * self.count, positions=np.column_stack((locations, np.full(self.count, height))))
 
