@@ -169,7 +169,6 @@ def _refuse_sizes(table: _Table) -> None:
 
 
 def _normalised_quaternions(table: _Table, members: list[np.ndarray]) -> tuple[np.ndarray | None, list[Fault]]:
-    """Return the normalised quaternions (m, 4), and the faults of those whose length is not near 1."""
     if "quaternion" not in table.per_body:
         return None, []
     quaternion = table.per_body["quaternion"]

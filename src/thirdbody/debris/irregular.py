@@ -23,7 +23,6 @@ THINNEST = 1e-6
 
 
 def _sphere_range(value: Any) -> Any:
-    """Return a single number as the range that it represents."""
     return value if hasattr(value, "__len__") else [_WHOLE.read(value)] * 2
 
 

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 
 def _file_names(value: Any) -> str | list[str]:
-    """Return the name of a file or folder, or a list of names of files. Raises ValueError."""
     names = list(value) if isinstance(value, list | tuple) else [value]
     if not names or not all(isinstance(name, str) for name in names):
         raise ValueError(f"expected a file, a folder or a list of files, got {show(value)}")
@@ -122,7 +121,6 @@ def meshes_in(folder: Path) -> list[Path]:
 
 
 def _closeness(shapes: list[MeshShape]) -> str:
-    """Describe how closely the spheres follow the surfaces."""
     import numpy as np
 
     number = sorted({len(shape.clump.radii) for shape in shapes})

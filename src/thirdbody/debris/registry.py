@@ -71,7 +71,6 @@ class DebrisKinds(Mapping[str, type[DebrisKind]]):
         return self.of_files[name][0] if name in self.of_files else self.installed[name].value
 
     def __getitem__(self, name: str) -> type[DebrisKind]:
-        """Return the class of a kind. Raises KeyError, and ValueError for an installed kind that cannot be used."""
         if name in built_in():
             return built_in()[name]
         if name in self.of_files:
@@ -160,7 +159,6 @@ class _DebrisTable:
         return core_schema.with_info_wrap_validator_function(read, union, serialization=as_it_is)
 
     def __get_pydantic_json_schema__(self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler) -> Schema:
-        """Return the schemas of the built-in and the installed kinds."""
         result = handler(schema)
         others = [kind for name, kind in DebrisKinds().usable().items() if name not in built_in()]
         return result | {"anyOf": result["anyOf"] + [handler(kind.__pydantic_core_schema__) for kind in others]}

@@ -24,7 +24,6 @@ class Ball(Part):
 
 
 def _unit_quaternion(q: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
-    """Return the normalised quaternion. Raises ValueError for zero."""
     # One of unit length up to rounding is unchanged; else saving and reading would change its last bits.
     if abs(math.hypot(*q) - 1.0) < 1e-15:
         return q

@@ -44,7 +44,6 @@ class Spot(Part):
 
 
 def _three_moments(value: Any, info: ValidationInfo) -> Any:
-    """Return a single moment of inertia as the three that it represents."""
     if not isinstance(value, str | numbers.Real):
         return value
     _INERTIA.read(value, info)  # so that a fault is reported once

@@ -76,7 +76,6 @@ _LOADS: dict[str, type[Part]] = {"load": Load, "pause": Pause, "table": Table}
 
 
 def _endless(stage: Any) -> str | None:
-    """Return the key that a stage before the last lacks, since it would never end."""
     if isinstance(stage, Constant) and stage.duration is None:
         return "duration"
     return "cycles" if isinstance(stage, Stroke) and stage.cycles is None else None
@@ -84,7 +83,6 @@ def _endless(stage: Any) -> str | None:
 
 @PlainSerializer
 def _plain_stages(stages: tuple[Part, ...]) -> Any:
-    """Return a single stage as a table, several as a list."""
     tables = [stage.model_dump(exclude_none=True) for stage in stages]
     return tables[0] if len(tables) == 1 else tables
 
