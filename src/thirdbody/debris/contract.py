@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
-from thirdbody.schema.fields import AT_REST, AngularVelocity, Choice, Count, Fraction, PositiveLength, Seed, Text, Velocity
+from thirdbody.schema.fields import AT_REST, AngularVelocity, Count, Fraction, PositiveLength, Seed, Text, Velocity
 from thirdbody.schema.parts import Location, Part, Wrong, entry
 
 if TYPE_CHECKING:
@@ -114,7 +114,7 @@ class PlacedClumps(NamedTuple):
     angular_velocity: np.ndarray | None = None
 
 
-Placement = Annotated[Literal["layer", "dilute", "dense"], Choice()]
+Placement = Literal["layer", "dilute", "dense"]
 
 
 class DebrisKind(Part):

@@ -22,10 +22,6 @@ THINNEST = 1e-6
 """Smallest axis ratio: far thinner bodies lose their size to rounding."""
 
 
-def _sphere_range(value: Any) -> Any:
-    return value if hasattr(value, "__len__") else [_WHOLE.read(value)] * 2
-
-
 _RELATIVE = Quantity(gt=0, le=0.5)
 _ABSOLUTE = Quantity(dimension="length", gt=0)
 
@@ -76,7 +72,7 @@ class Irregular(PlacedDebris):
     spheres: Annotated[
         tuple[Annotated[int, _WHOLE], Annotated[int, _WHOLE]],
         listing("[min, max] or one whole number", 2),
-        BeforeValidator(_sphere_range),
+        BeforeValidator(lambda value: value if hasattr(value, "__len__") else [_WHOLE.read(value)] * 2),
         ShortForm({"type": "integer"} | _WHOLE.limits()),
     ]
     """Least and most spheres of a body; or one number. Example: [4, 8]."""

@@ -10,7 +10,6 @@ from thirdbody.debris.contract import CLEARANCE, DebrisKind, PlacedClumps, Popul
 from thirdbody.schema.fields import (
     AT_REST,
     THREE,
-    Choice,
     Count,
     Flag,
     Length,
@@ -31,7 +30,7 @@ _INERTIA = Quantity(dimension="inertia", gt=0)
 class Spot(Part):
     """A summit that meets one plate only: its place relative to the centre of mass (m), and its radius of curvature."""
 
-    side: Annotated[Literal["lower", "upper"], Choice()]
+    side: Literal["lower", "upper"]
     """Plate that the spot meets; it meets nothing else. Example: "lower"."""
     x: Length
     """Place relative to the centre of mass. Example: "-2 um"."""

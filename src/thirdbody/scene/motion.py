@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import PlainSerializer
 
-from thirdbody.schema.fields import Choice, Force, PositiveLength, PositiveNumber, PositiveTime, Quantity, ShortForm, Speed, Text
+from thirdbody.schema.fields import Force, PositiveLength, PositiveNumber, PositiveTime, Quantity, ShortForm, Speed, Text
 from thirdbody.schema.parts import Part, one_or_more
 
 
@@ -43,7 +43,7 @@ class Stroke(Part):
     """Stroke of a reciprocating motion, peak to peak. Example: "50 um"."""
     frequency: Annotated[float, Quantity(dimension="frequency", gt=0)]
     """Cycles per second. Example: "5 Hz"."""
-    shape: Annotated[Literal["sine", "triangle"], Choice()] = "sine"
+    shape: Literal["sine", "triangle"] = "sine"
     """Displacement over time; a sine starts from rest at one end. Example: "triangle"."""
     cycles: PositiveNumber | None = None
     """Number of cycles; required where another stage follows. Example: 3."""

@@ -57,8 +57,10 @@ def wrongs_of(error: ValidationError) -> list[Wrong]:
     result = []
     for entry in error.errors(include_url=False):
         text = MISSING if entry["type"] == "missing" else entry["msg"].removeprefix("Value error, ")
-        if entry["type"] == "dict_type":
-            text = f"expected a table, got {show(entry['input'])}"
+        if expected := {"dict_type": "a table", "bool_type": "true or false"}.get(entry["type"]):
+            text = f"expected {expected}, got {show(entry['input'])}"
+        if entry["type"] == "literal_error":
+            text = f"{show(entry['input'])} is not one of {entry['ctx']['expected'].replace(' or ', ', ')}"
         result.append((tuple(entry["loc"]), text))
     return result
 

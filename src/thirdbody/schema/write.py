@@ -2,11 +2,10 @@
 
 import json
 import math
-import os
 import re
 from typing import Any
 
-from thirdbody.errors import Fault, InputError, OutputError, printable
+from thirdbody.errors import Fault, InputError, printable
 from thirdbody.schema.fields import is_unicode
 from thirdbody.schema.parts import Location, key_path
 
@@ -21,19 +20,6 @@ def toml_text(document: dict[str, Any]) -> str:
 def toml_value_text(value: Any, key: str) -> str:
     """Return one value as TOML text. Raises InputError, which names the key, for one that TOML cannot represent."""
     return _value(value, (key,))
-
-
-def save_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write the text as UTF-8. Raises OutputError, or InputError for text that UTF-8 cannot encode."""
-    try:
-        data = text.encode("utf-8")
-    except UnicodeEncodeError as error:
-        raise InputError(f"the scene holds a character that UTF-8 has no form for: {error.reason}") from None
-    try:
-        with open(path, "wb") as file:
-            file.write(data)
-    except OSError as error:
-        raise OutputError(f"{os.fspath(path)}: cannot be written: {error.strerror}") from None
 
 
 def _table(table: dict[str, Any], location: Location, header: str) -> list[str]:
