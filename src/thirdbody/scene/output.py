@@ -1,10 +1,10 @@
 """The table `output` of a scene: when frames are written, and what of them."""
 
 import numbers
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, SerializerFunctionWrapHandler, model_serializer
+from pydantic import BeforeValidator, model_serializer
 
 from thirdbody import units
 from thirdbody.schema.fields import Flag, Quantity, ShortForm, Text, Whole, in_file, listing, quantity_schema, show
@@ -93,7 +93,7 @@ class Output(Part):
         return raw | {"every": value, "every_kind": kind}
 
     @model_serializer(mode="wrap")
-    def _flatten(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _flatten(self, handler: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:
         document: dict[str, Any] = {"every": units.format_si(self.every, _EVERY[self.every_kind])}
         if self.profiles is not None:
             document["profiles"] = self.profiles.bins if self.profiles.axis == "z" else self.profiles.model_dump()

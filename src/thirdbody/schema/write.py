@@ -26,8 +26,9 @@ def _table(table: dict[str, Any], location: Location, header: str) -> list[str]:
     """Return header and lines; tables of the first two levels, and lists of tables of the first, get headers of their own."""
 
     def is_inner(value: Any) -> bool:
-        listed = isinstance(value, list) and value and all(isinstance(entry, dict) for entry in value)
-        return (isinstance(value, dict) and len(location) < 2) or (listed and not location)
+        if isinstance(value, list):
+            return bool(value) and not location and all(isinstance(entry, dict) for entry in value)
+        return isinstance(value, dict) and len(location) < 2
 
     inner = {key: value for key, value in table.items() if is_inner(value)}
     lines = _assignments({key: value for key, value in table.items() if key not in inner}, location)
