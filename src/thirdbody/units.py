@@ -209,7 +209,6 @@ def refuse_absurd(value: float, dimension: str, shown: str) -> None:
 
 
 def _rounded(number: Decimal, factor: Fraction, text: str) -> float:
-    """Return number * factor as the nearest float. Raises ValueError outside the range of floats."""
     value = 0.0
     if number == 0:
         return float(number)  # with its sign
@@ -222,7 +221,6 @@ def _rounded(number: Decimal, factor: Fraction, text: str) -> float:
 
 
 def _product(text: str, wanted: Dimension) -> Unit:
-    """Return factor and powers of a unit such as "kg/m3" or "N s/m". Raises ValueError."""
     factor, powers, divided, at = Fraction(1), PURE, False, 0
     plain = re.sub(r"^1\s*(?=/)", "", text.translate(_HIGH))
     while at < len(plain):
@@ -239,7 +237,6 @@ def _product(text: str, wanted: Dimension) -> Unit:
 
 
 def _symbol(name: str, wanted: Dimension) -> Unit:
-    """Return one unit with or without prefix. Raises ValueError with the nearest known unit."""
     if name in _PLAIN:
         return _PLAIN[name]
     if name in _PREFIXED:
@@ -256,7 +253,6 @@ def _symbol(name: str, wanted: Dimension) -> Unit:
 
 
 def _with_prefix(number: Decimal, entry: Dimension) -> str:
-    """Return the decimal number with the unit of the ladder that leaves 1 to 999 before the point."""
     unit, power = entry.si_unit, 0
     if number:
         fitting = [step for step in entry.ladder if step[1] <= number.adjusted()]

@@ -103,7 +103,7 @@ def test_spheres_follow_the_surface(shape, n, bound):
     mesh = SHAPES[shape]()
     body, fit = clump_from_mesh(mesh, n)
     mass = mass_properties(mesh)
-    assert fit.rms + 2.0 * fit.to_mesh.error < bound
+    assert fit.rms < 0.99 * bound  # the error of the rms is some 0.5 % of it
     assert body.radii.shape == (n,) and body.centers.shape == (n, 3)
     assert body.volume == mass.volume and body.error == mass.error
     assert body.inertia.tolist() == mass.inertia.tolist()
@@ -152,7 +152,7 @@ def test_place_turn_and_unit_only_enter_by_rounding():
     assert other.volume == pytest.approx(1e-9 * body.volume, rel=1e-11)
     assert other.inertia == pytest.approx(1e-15 * body.inertia, rel=1e-11)
     # Samples lie in the principal frame, whose axes the new place may turn by half: the same within least squares.
-    assert again.to_spheres.rms == pytest.approx(fit.to_spheres.rms, rel=0.05)
+    assert again.rms == pytest.approx(fit.rms, rel=0.05)
     world = again.centroid + other.centers @ matrix_from_quaternion(again.quaternion).T
     before = fit.centroid + body.centers @ matrix_from_quaternion(fit.quaternion).T
     # Stopped at 1e-6 of a step, amplified by the flat valley of the fit.

@@ -11,7 +11,7 @@ from steel import scene_text
 from thirdbody.assembly.populate import populate
 from thirdbody.bodies.clump import clump
 from thirdbody.bodies.resting_poses import resting_poses
-from thirdbody.debris.spheroid import corrugation, layout, number_of_spheres, spheres_in_rings
+from thirdbody.debris.spheroid import Spheroid, corrugation, layout, spheres_in_rings
 from thirdbody.errors import InputError
 from thirdbody.rotations import matrix_from_quaternion
 from thirdbody.scene.model import Scene
@@ -58,8 +58,9 @@ def test_moments_of_bodies_converge_with_the_square_of_the_number(r):
 
 def test_principal_axes_and_the_surface_are_those_of_the_spheroid():
     for form in ("prolate", "oblate"):
-        assert number_of_spheres(form, 0.6, 37) == 37
-        body = clump(*layout(form, 0.6, number_of_spheres(form, 0.6, 40))[:2])
+        keys = {"material": "steel", "count": 1, "size": 10e-6, "axial_ratio": 0.6, "form": form}
+        assert Spheroid(spheres=37, **keys).max_spheres() == 37
+        body = clump(*layout(form, 0.6, Spheroid(spheres=40, **keys).max_spheres())[:2])
         first, second, third = body.inertia
         # rounding of the exact moments of the union, stated as `error`
         equal = (second, third) if form == "prolate" else (first, second)

@@ -5,8 +5,8 @@ import pytest
 from each import each
 from steel import scene_text
 
+from thirdbody.assembly.populate import population_context
 from thirdbody.assembly.simulation import build
-from thirdbody.bodies.clump import positions_in_rows, spot_body
 from thirdbody.errors import InputError
 from thirdbody.kernels.plates import BASINS
 from thirdbody.scene.model import Scene
@@ -71,10 +71,12 @@ def test_bodies_of_spots():
     made = scene(PLANAR)
     assert Scene.parse(toml_text(made.document())) == made
     # rows fill the domain
-    places = positions_in_rows(7, (30e-6, 10e-6))
-    assert places.shape == (7, 2) and np.all(places > 0.0) and np.all(places < [30e-6, 10e-6])
+    crowd = scene(SPOTS + MASS.replace('"2e-25 kg m2"', '["1e-25 kg m2", "2e-25 kg m2", "3e-25 kg m2"]') + "count = 7\n")
+    made = crowd.debris[0].bodies(population_context(crowd, 0, []))
+    places = made.positions[:, :2]
+    assert places.shape == (7, 2) and np.all(places > 0.0) and np.all(places < 20e-6)
     assert len(np.unique(places.round(12), axis=0)) == 7
     # the mass and inertia given
-    body = spot_body(np.array([[0.0, 0.0, 1.0]]), np.array([2.0]), np.array([True]), 3.0, (1.0, 2.0, 4.0), 6.0)
-    assert body.volume == 0.5 and list(body.inertia * 6.0) == [1.0, 2.0, 4.0]
-    assert list(body.centers[0]) == [0.0, 0.0, -1.0]
+    body, density = made.clumps[0], crowd.materials["steel"].density
+    assert body.volume * density == pytest.approx(1e-13) and body.inertia * density == pytest.approx([1e-25, 2e-25, 3e-25])
+    assert body.centers[0] == pytest.approx([0.2e-6, 0.0, 0.0])

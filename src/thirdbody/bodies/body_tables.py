@@ -5,7 +5,6 @@ import io
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -51,8 +50,7 @@ _MAX_TEXT, _MAX_COLUMNS = 250_000_000, 2 * len(_COLUMNS)
 _TITLE = re.compile(r"\s*([^\[\]()]*?)\s*(?:[\[(]([^\[\]()]*)[\])])?\s*")
 
 
-@dataclass(frozen=True, eq=False)
-class Bodies:
+class Bodies(NamedTuple):
     """Bodies of a table in ascending order of their ids.
 
     positions (m, 3) [m] of the centres of mass, quaternions (m, 4) from principal frame to world; velocity (m, 3) [m/s] and
@@ -67,8 +65,7 @@ class Bodies:
     angular_velocity: np.ndarray | None
 
 
-@dataclass(frozen=True, eq=False)
-class _Table:
+class _Table(NamedTuple):
     """Spheres in SI: center (n, 3), radius (n,), id of the body of each (n,); ids (m,) ascending, the order of per_body.
 
     lines (n,): the line of each sphere in a text file; None for arrays.
@@ -169,7 +166,6 @@ def _refuse_sizes(table: _Table) -> None:
 
 
 def _normalised_quaternions(table: _Table, members: list[np.ndarray]) -> tuple[np.ndarray | None, list[Fault]]:
-    """Return the normalised quaternions (m, 4), and the faults of those whose length is not near 1."""
     if "quaternion" not in table.per_body:
         return None, []
     quaternion = table.per_body["quaternion"]

@@ -10,7 +10,6 @@ import numpy as np
 
 from thirdbody.bodies.union_moments import longest_links, union_moments
 from thirdbody.errors import Fault, InputError
-from thirdbody.kernels.tables import ONLY_LOWER, ONLY_UPPER
 from thirdbody.rotations import cross, dot, quaternion_from_matrix
 
 # Tolerance in the test of connectedness: rounding may separate spheres that touch in one point by this much.
@@ -172,28 +171,6 @@ def _with_frames(centers: np.ndarray, radii: np.ndarray) -> tuple[list[Clump], n
     return [Clump(*parts) for parts in built], anchor + centroid * scale[:, None], axes
 
 
-def spot_body(
-    summits: np.ndarray, radii: np.ndarray, upper: np.ndarray, mass: float, inertia: Sequence[float], density: float
-) -> Clump:
-    """Return a body given by its spots, in its principal axes x, y, z, origin at the centre of mass.
-
-    summits (k, 3) [m]: the points that touch first; radii (k,) [m] of curvature; upper (k,) bool: which plate a spot touches, the
-    only one. mass [kg], inertia (3,) [kg m2]; the volume follows from the mass and this density [kg/m3].
-    """
-    up = np.where(upper, 1.0, -1.0)
-    centers = summits - np.outer(up * radii, (0.0, 0.0, 1.0))
-    sides = np.where(upper, ONLY_UPPER, ONLY_LOWER)
-    return Clump(centers, np.array(radii, float), mass / density, np.array(inertia, float) / density, 0.0, sides)
-
-
-def positions_in_rows(count: int, size: tuple[float, float]) -> np.ndarray:
-    """Return positions (count, 2) [m] in rows over a domain of this size: a nearly square rectangular grid."""
-    columns = max(1, round(math.sqrt(count * size[0] / size[1])))
-    lines = math.ceil(count / columns)
-    k = np.arange(count)
-    return np.column_stack(((k % columns + 0.5) * size[0] / columns, (k // columns + 0.5) * size[1] / lines))
-
-
 def impossible_moments(inertia) -> tuple[int, str] | None:
     """Return the first row of principal moments (n, 3) that no body has, and what is wrong: one above the sum of the others.
 
@@ -222,14 +199,13 @@ def _refuse_parts(centers: np.ndarray, radii: np.ndarray) -> None:
     apart = np.flatnonzero(longest_links(centers, radii) > 1.0 + _TOUCH)
     if not len(apart):
         return
+    from scipy.sparse.csgraph import connected_components
+
     c, r = centers[apart[0]], radii[apart[0]]
     together = np.linalg.norm(c[:, None] - c, axis=-1) <= (r[:, None] + r) * (1.0 + _TOUCH)
-    part = together[0]
-    while (grown := together[part].any(axis=0)).sum() > part.sum():
-        part = grown
-    raise InputError(
-        Fault(f"spheres[{i}]", "not connected to sphere 0: a rigid body must be in one piece") for i in np.flatnonzero(~part)
-    )
+    _, part = connected_components(together, directed=False)
+    why = "not connected to sphere 0: a rigid body must be in one piece"
+    raise InputError(Fault(f"spheres[{i}]", why) for i in np.flatnonzero(part != part[0]))
 
 
 def _mass_properties(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -277,7 +277,6 @@ def _scattered_seeds(candidates: np.ndarray, levels: np.ndarray, envelope: np.nd
 
 
 def _all_exposed(centers: np.ndarray, radii: np.ndarray) -> np.ndarray:
-    """Return whether, (b,), every sphere of a body exposes at least the fraction _EXPOSED of its surface."""
     n = radii.shape[1]
     arm = centers[:, :, None] - centers[:, None]
     # A point r u of sphere i lies in sphere j if (arm + r u)^2 < r_j^2.

@@ -5,7 +5,7 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -58,8 +58,7 @@ class Mesh:
         return trimesh.Trimesh((self.vertices - middle) / extent, self.faces, process=False)
 
 
-@dataclass(frozen=True, eq=False)
-class MassProperties:
+class MassProperties(NamedTuple):
     """Mass properties at unit density: volume [m3], centroid (3,) [m], principal inertia (3,) [m5], I1 <= I2 <= I3.
 
     axes (3, 3): principal axes as columns, right-handed; error: bound on the relative rounding of volume and inertia.

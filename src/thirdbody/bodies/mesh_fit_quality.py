@@ -1,7 +1,7 @@
 """Quality of the fit of a clump to a mesh: distances in both directions, and radii of curvature."""
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -27,12 +27,10 @@ _MIN_POINTS = 10
 _ONE_SIDE = 0.2
 
 
-@dataclass(frozen=True)
-class Distances:
-    """Distances from points on one surface to another surface, over R: rms, its standard error, largest."""
+class Distances(NamedTuple):
+    """Distances from points on one surface to another surface, over R."""
 
     rms: float
-    error: float
     maximum: float
 
 
@@ -59,7 +57,8 @@ def distances(mesh: Mesh, centers, radii, rng: np.random.Generator) -> tuple[Dis
     corners = distance_to_union(mesh.vertices, centers, radii, union)
     some = union[:: max(1, len(union) // _MEASURED)]
     back = np.linalg.norm(nearest_points(some, mesh, target, face) - some, axis=1)
-    return _summary(there, max(there.max(), corners.max())), _summary(back, back.max())
+    rms, back_rms = math.sqrt((there**2).mean()), math.sqrt((back**2).mean())
+    return Distances(rms, float(max(there.max(), corners.max()))), Distances(back_rms, float(back.max()))
 
 
 def distance_to_union(points, centers, radii, union: np.ndarray) -> np.ndarray:
@@ -114,28 +113,26 @@ def local_radii(mesh: Mesh, corners: np.ndarray, rng: np.random.Generator) -> np
     cloud = cKDTree(points)
     result = np.empty(len(corners))
     for k, corner in enumerate(corners):
-        at, up = mesh.vertices[corner], normals[corner]
+        result[k], at, up = math.inf, mesh.vertices[corner], normals[corner]
         distance = tree.query(at, min(_PATCH_POINTS, len(normals)))[0][-1]
         near = tree.query_ball_point(at, min(max(distance, _PATCH[0]), _PATCH[1]))
         patch = mesh.vertices[[i for i in near if i != corner and normals[i] @ up > _ONE_SIDE]]
         if len(patch) < _MIN_POINTS:
             near = cloud.query_ball_point(at, _PATCH[1])
             patch = points[[i for i in near if across[i] @ up > _ONE_SIDE]]
-        result[k] = _quadric_radius(patch - at, up)
+        if len(patch) < _MIN_POINTS:
+            continue
+        side = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
+        side /= np.linalg.norm(side)
+        patch = patch - at
+        # z = p x + q y + a x2/2 + b x y + c y2/2
+        x, y, z = patch @ side, patch @ np.cross(up, side), patch @ up
+        p, q, a, b, c = np.linalg.lstsq(np.stack((x, y, 0.5 * x * x, x * y, 0.5 * y * y), axis=1), z)[0]
+        # do Carmo 1976, section 3-3: Gaussian curvature of a graph; convex where the second derivatives are negative.
+        gauss = (a * c - b * b) / (1.0 + p * p + q * q) ** 2
+        if gauss > 0.0 and a + c < 0.0:
+            result[k] = 1.0 / math.sqrt(gauss)
     return result
-
-
-def _quadric_radius(patch: np.ndarray, up: np.ndarray) -> float:
-    """Return 1 / sqrt(Gaussian curvature) at the origin of z = p x + q y + a x2/2 + b x y + c y2/2, or inf."""
-    if len(patch) < _MIN_POINTS:
-        return math.inf
-    side = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
-    side /= np.linalg.norm(side)
-    x, y, z = patch @ side, patch @ np.cross(up, side), patch @ up
-    p, q, a, b, c = np.linalg.lstsq(np.stack((x, y, 0.5 * x * x, x * y, 0.5 * y * y), axis=1), z)[0]
-    # do Carmo 1976, section 3-3: Gaussian curvature of a graph; convex where the second derivatives are negative.
-    gauss = (a * c - b * b) / (1.0 + p * p + q * q) ** 2
-    return 1.0 / math.sqrt(gauss) if gauss > 0.0 and a + c < 0.0 else math.inf
 
 
 def _exposed(points, own, centers, radii) -> np.ndarray:
@@ -175,10 +172,3 @@ def nearest_points(points, mesh: Mesh, target: np.ndarray, face: np.ndarray) -> 
     feet = closest_point(mesh.corners[face[near.ravel()]], repeated)
     best = np.linalg.norm(feet - repeated, axis=1).reshape(near.shape).argmin(axis=1)
     return feet.reshape(*near.shape, 3)[np.arange(len(points)), best]
-
-
-def _summary(distance: np.ndarray, maximum: float) -> Distances:
-    square = distance**2
-    rms = math.sqrt(square.mean())
-    error = float(square.std()) / (2.0 * max(rms, 1e-12) * math.sqrt(len(square)))
-    return Distances(rms, error, float(maximum))

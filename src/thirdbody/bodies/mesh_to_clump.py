@@ -1,9 +1,8 @@
 """Clumps of spheres fitted to the surface of a mesh, with the mass properties of the mesh."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from hashlib import sha256
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -12,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from thirdbody.bodies.clump import Clump
 from thirdbody.bodies.mesh import Mesh, mass_properties, surface_samples
-from thirdbody.bodies.mesh_fit_quality import Distances, contact_ratio, distances, nearest_points, union_volume
+from thirdbody.bodies.mesh_fit_quality import contact_ratio, distances, nearest_points, union_volume
 from thirdbody.errors import Fault, InputError
 from thirdbody.rotations import quaternion_from_matrix
 
@@ -54,33 +53,22 @@ _ALL_OVER, _EDGE, _EVEN, _CLOSE, _MORE = 20000, 0.6, 3, 1.04, 1.2
 _ROUNDS = 2
 
 
-@dataclass(frozen=True, eq=False)
-class Fit:
+class Fit(NamedTuple):
     """Accuracy of a clump's fit to its mesh, and the position of the clump's frame in that of the mesh.
 
-    size: R [m], radius of the sphere of the mesh's volume; to_spheres, to_mesh: distances from the mesh to the union and back,
-    over R; volume_ratio, extents (3,) along the principal axes: union over mesh (the clump has the mesh's volume); contact_ratio:
-    radii of curvature, spheres over mesh; mesh point = centroid (3,) [m] + rotate(quaternion (4,), clump point).
+    size: R [m], radius of the sphere of the mesh's volume; rms, maximum: distances from the mesh to the union or back, the larger
+    one, over R; volume_ratio, extents (3,) along the principal axes: union over mesh (the clump has the mesh's volume);
+    contact_ratio: radii of curvature, spheres over mesh; mesh point = centroid (3,) [m] + rotate(quaternion (4,), clump point).
     """
 
     size: float
-    to_spheres: Distances
-    to_mesh: Distances
+    rms: float
+    maximum: float
     volume_ratio: float
     extents: np.ndarray
     contact_ratio: np.ndarray
     centroid: np.ndarray
     quaternion: np.ndarray
-
-    @property
-    def rms(self) -> float:
-        """The larger of the two rms distances, over R."""
-        return max(self.to_spheres.rms, self.to_mesh.rms)
-
-    @property
-    def maximum(self) -> float:
-        """The larger of the two largest distances, over R."""
-        return max(self.to_spheres.maximum, self.to_mesh.maximum)
 
 
 _cache: dict[Any, tuple[Clump, Fit]] = {}
@@ -100,9 +88,9 @@ def clump_from_mesh(mesh: Mesh, n_spheres: int | None, seed: int = 0) -> tuple[C
     key = (*shape, mesh.name, n_spheres, seed)
     if key in _cache:
         return _cache[key]
-    minimum, maximum = SPHERES
-    if n_spheres is not None and not minimum <= n_spheres <= maximum:
-        raise InputError(Fault("spheres", f"{n_spheres} is outside {minimum} to {maximum}, the spheres that represent a mesh"))
+    lowest, limit = SPHERES
+    if n_spheres is not None and not lowest <= n_spheres <= limit:
+        raise InputError(Fault("spheres", f"{n_spheres} is outside {lowest} to {limit}, the spheres that represent a mesh"))
     mass = mass_properties(mesh)
     size = (0.75 * mass.volume / np.pi) ** (1.0 / 3.0)
     unit = Mesh((mesh.vertices - mass.centroid) @ mass.axes / size, mesh.faces, mesh.name)
@@ -120,7 +108,14 @@ def clump_from_mesh(mesh: Mesh, n_spheres: int | None, seed: int = 0) -> tuple[C
         what = "do not connect" if parts else f"{what} (rms; {_ALLOWED})"
         problem = problem or f"{len(radii)} spheres miss this shape: they {what}; "
     else:
-        raise InputError(Fault("spheres", problem + _remedy(unit, seed), mesh.name))
+        needed = _number_along(unit, *_thin_balls(unit, seed))
+        remedy = (
+            f"nor do other numbers up to {limit}; smooth the mesh, or give its spheres in a table (kind 'file')"
+            if needed < limit
+            else f"small spheres all along it would be some {needed:.2g}, at most {limit} make a body: sheets and needles may be "
+            "up to some thirty times as long as thick; give the mesh a larger thickness, or cut a smaller piece of it"
+        )
+        raise InputError(Fault("spheres", problem + remedy, mesh.name))
     if problem and n_spheres is not None:
         message = f"{problem}{len(radii)} fit (where no number is given, as many as it needs are taken)"
         raise InputError(Fault("spheres", message, mesh.name))
@@ -128,7 +123,8 @@ def clump_from_mesh(mesh: Mesh, n_spheres: int | None, seed: int = 0) -> tuple[C
     body = Clump(centers * size, radii * size, mass.volume, mass.inertia, mass.error)
     if len(_cache) == _MAX_CACHED:
         _cache.clear()
-    _cache[key] = body, Fit(size, there, back, volume, extents, ratio, mass.centroid, quaternion_from_matrix(mass.axes))
+    maximum, frame = max(there.maximum, back.maximum), quaternion_from_matrix(mass.axes)
+    _cache[key] = body, Fit(size, rms, maximum, volume, extents, ratio, mass.centroid, frame)
     return _cache[key]
 
 
@@ -308,13 +304,3 @@ def _tree(centers, radii) -> tuple[tuple[np.ndarray, np.ndarray], float]:
     apart = np.linalg.norm(centers[:, None] - centers, axis=2) / (radii[:, None] + radii)
     links = minimum_spanning_tree(np.triu(apart + 1e-12, 1))
     return links.nonzero(), float(links.data.max(initial=0.0))
-
-
-def _remedy(mesh: Mesh, seed: int) -> str:
-    needed = _number_along(mesh, *_thin_balls(mesh, seed))
-    if needed < SPHERES[1]:
-        return f"nor do other numbers up to {SPHERES[1]}; smooth the mesh, or give its spheres in a table (kind 'file')"
-    return (
-        f"small spheres all along it would be some {needed:.2g}, at most {SPHERES[1]} make a body: sheets and needles may be "
-        "up to some thirty times as long as thick; give the mesh a larger thickness, or cut a smaller piece of it"
-    )

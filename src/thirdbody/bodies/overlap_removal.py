@@ -7,7 +7,6 @@ Everything is serial, so the bits do not depend on threads.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -286,8 +285,7 @@ class OverlapRemoval:
         return near_pairs(self.S, self.body, (low, high), periodic, skin)
 
 
-@dataclass(frozen=True)
-class Bed:
+class Bed(NamedTuple):
     """Centroids (n, 3) [m], quaternions (n, 4), solid fraction and height [m] up to the highest point."""
 
     positions: Array

@@ -135,7 +135,6 @@ def place_rotated(tries, rel, radii, count, columns, clearance, rotated_spheres)
 
 
 def _empty_columns(radii: Array, size: Array, periodic: bool) -> Columns:
-    """Return empty columns of two largest of the radii (n,), with clearance."""
     width = 2.0 * radii.max() * (1.0 + CLEARANCE)
     nx, ny = (min(_COLUMNS, max(1, math.floor(length / width))) for length in size[:2])
     return Columns(np.empty((len(radii), 4)), np.full((nx, ny), -1, np.int64), np.empty(len(radii), np.int64), size, periodic)
@@ -192,7 +191,6 @@ def place_layer(
 
 
 def _no_space(order: Array, done: int, fractions: Array, kind: str) -> str:
-    """Describe a placement that failed after `done` bodies, whose fractions of the area or volume are in the same order."""
     reached = f"{kind} fraction {fractions[:done].sum():.3f} reached of {fractions.sum():.3f} wanted"
     return f"no space for body {order[done]} after {sum(_BATCHES)} tries: {done} of {len(order)} bodies placed, {reached}"
 

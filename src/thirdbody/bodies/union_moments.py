@@ -50,13 +50,10 @@ class Scratch(NamedTuple):
     new: np.ndarray
 
 
-def _rule(*orders: int) -> Rule:
-    x, w = np.concatenate([np.polynomial.legendre.leggauss(order) for order in orders], axis=1)
-    t = 0.5 * math.pi * (x + 1.0)
-    return Rule(-np.cos(t), 0.5 * math.pi * w * np.sin(t), np.cumsum([0, *orders]).astype(np.int64))
-
-
-_RULE = _rule(5, 10, 20, 40, 80)
+_ORDERS = (5, 10, 20, 40, 80)
+_X, _W = np.concatenate([np.polynomial.legendre.leggauss(order) for order in _ORDERS], axis=1)
+_T = 0.5 * math.pi * (_X + 1.0)
+_RULE = Rule(-np.cos(_T), 0.5 * math.pi * _W * np.sin(_T), np.cumsum([0, *_ORDERS]).astype(np.int64))
 
 
 @njit(**BARE_CHUNK)

@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
-from thirdbody.schema.fields import AT_REST, AngularVelocity, Choice, Count, Fraction, PositiveLength, Seed, Text, Velocity
+from thirdbody.schema.fields import AT_REST, AngularVelocity, Count, Fraction, PositiveLength, Seed, Text, Velocity
 from thirdbody.schema.parts import Location, Part, Wrong, entry
 
 if TYPE_CHECKING:
@@ -114,7 +114,7 @@ class PlacedClumps(NamedTuple):
     angular_velocity: np.ndarray | None = None
 
 
-Placement = Annotated[Literal["layer", "dilute", "dense"], Choice()]
+Placement = Literal["layer", "dilute", "dense"]
 
 
 class DebrisKind(Part):
@@ -127,18 +127,16 @@ class DebrisKind(Part):
 
     name: Text | None = None
     """Name of the population in tables, pictures and files; by default material and kind. Example: "soft debris"."""
-
-    if TYPE_CHECKING:  # keys of every kind, each declared at its position in the order of keys
-        kind: str
-        """Kind of debris; it decides on the other keys. Example: "irregular"."""
-        material: str
-        """Name of the material. Example: "steel"."""
-        count: int | None
-        """Number of bodies. Example: 2000."""
-        velocity: tuple[float, float, float] | None
-        """Initial velocity of all bodies. Example: ["0 m/s", "0 m/s", "-1 m/s"]."""
-        angular_velocity: tuple[float, float, float] | None
-        """Initial angular velocity of all bodies, world axes. Example: ["0 rad/s", "1e5 rad/s", "0 rad/s"]."""
+    kind: str
+    """Kind of debris; it decides on the other keys. Example: "irregular"."""
+    material: Text
+    """Name of the material. Example: "steel"."""
+    count: Count | None = None
+    """Number of bodies. Example: 2000."""
+    velocity: Velocity | None = AT_REST
+    """Initial velocity of all bodies. Example: ["0 m/s", "0 m/s", "-1 m/s"]."""
+    angular_velocity: AngularVelocity | None = AT_REST
+    """Initial angular velocity of all bodies, world axes. Example: ["0 rad/s", "1e5 rad/s", "0 rad/s"]."""
 
     @property
     def placement_name(self) -> str | None:
@@ -202,13 +200,11 @@ class DebrisKind(Part):
 class VolumeKeys(DebrisKind):
     """Keys of kinds whose bodies may be placed: all "dilute", or all "dense" bodies of a scene share one volume."""
 
-    if TYPE_CHECKING:  # declared by the kinds, in the order of keys
-        seed: int
-        """Seed of the random numbers; body k is the same for every count. Example: 1."""
-        placement: Any
-        """"layer": each body in a stable pose on the lower plate; "dilute": at random in a volume; "dense": a packed bed.
-        Example: "dense"."""
-
+    seed: Seed = 1
+    """Seed of the random numbers; body k is the same for every count. Example: 1."""
+    placement: Placement | None = "layer"
+    """"layer": each body in a stable pose on the lower plate; "dilute": at random in a volume; "dense": a packed bed.
+    Example: "dense"."""
     height: PositiveLength | None = None
     """Height of the volume of all "dilute", or all "dense" bodies; instead of `solid_fraction`. Example: "60 um"."""
     solid_fraction: Fraction | None = None
@@ -227,10 +223,5 @@ class VolumeKeys(DebrisKind):
 class PlacedDebris(VolumeKeys):
     """Keys of a kind whose bodies the program places: in a resting layer, a dilute cloud or a dense bed."""
 
-    kind: str
-    material: Text
     count: Count
-    seed: Seed = 1
     placement: Placement = "layer"
-    velocity: Velocity = AT_REST
-    angular_velocity: AngularVelocity = AT_REST

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from thirdbody.debris.contract import PlacedClumps, Placement, PopulationContext, VolumeKeys
 from thirdbody.errors import Fault, InputError
-from thirdbody.schema.fields import AngularVelocity, Count, Seed, Text, Velocity
+from thirdbody.schema.fields import AngularVelocity, Count, Text, Velocity
 from thirdbody.schema.parts import Location, Wrong, entry
 from thirdbody.schema.sizes import Size
 
@@ -26,12 +26,10 @@ class File(VolumeKeys):
     file_keys: ClassVar[tuple[str, ...]] = ("file",)
 
     kind: Literal["file"] = "file"
-    material: Text
     file: Text
     """CSV (units in the header) or NPZ (SI) table of spheres, relative to the scene. Example: "particles.csv"."""
     count: Count | None = None
     """Number of bodies, taken from the file in turn; needs `placement`. By default as many as the file has. Example: 200."""
-    seed: Seed = 1
     size: Size | None = None
     """Volume-equivalent diameter to which each body is rescaled; needs `placement`.
     Example: {distribution = "uniform", min = "5 um", max = "20 um"}."""

@@ -7,24 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BeforeValidator
 
 from thirdbody import units
-from thirdbody.debris.contract import Placement, RandomStreams, VolumeKeys
+from thirdbody.debris.contract import PlacedDebris, RandomStreams
 from thirdbody.errors import Fault, InputError
-from thirdbody.schema.fields import (
-    AT_REST,
-    THREE,
-    AngularVelocity,
-    Count,
-    Fraction,
-    Quantity,
-    Read,
-    Seed,
-    ShortForm,
-    Text,
-    Velocity,
-    Whole,
-    listing,
-    quantity_schema,
-)
+from thirdbody.schema.fields import THREE, Fraction, Quantity, Read, ShortForm, Whole, listing, quantity_schema
 from thirdbody.schema.parts import Part, Wrong
 from thirdbody.schema.sizes import Size
 
@@ -35,11 +20,6 @@ _WHOLE = Whole(ge=1, le=64)
 
 THINNEST = 1e-6
 """Smallest axis ratio: far thinner bodies lose their size to rounding."""
-
-
-def _sphere_range(value: Any) -> Any:
-    """Return a single number as the range that it represents."""
-    return value if hasattr(value, "__len__") else [_WHOLE.read(value)] * 2
 
 
 _RELATIVE = Quantity(gt=0, le=0.5)
@@ -79,23 +59,20 @@ class Asperities(Part):
         return value
 
 
-class Irregular(VolumeKeys):
+class Irregular(PlacedDebris):
     """Random clumps. `size` is the volume-equivalent diameter (m), `spheres` the least and most per clump.
 
     `angularity` (0 to 1) shrinks the spheres towards the corners of the hull; `asperities` sit on the surface.
     """
 
     kind: Literal["irregular"] = "irregular"
-    material: Text
-    count: Count
-    seed: Seed = 1
     size: Size
     """Volume-equivalent diameter: a distribution, or one length.
     Example: {distribution = "lognormal", median = "10 um", sigma = 0.2}."""
     spheres: Annotated[
         tuple[Annotated[int, _WHOLE], Annotated[int, _WHOLE]],
         listing("[min, max] or one whole number", 2),
-        BeforeValidator(_sphere_range),
+        BeforeValidator(lambda value: value if hasattr(value, "__len__") else [_WHOLE.read(value)] * 2),
         ShortForm({"type": "integer"} | _WHOLE.limits()),
     ]
     """Least and most spheres of a body; or one number. Example: [4, 8]."""
@@ -107,9 +84,6 @@ class Irregular(VolumeKeys):
     """Small spheres where planes can touch the body. Example: {count = 3, radius = "0.5 um"}."""
     shapes: Annotated[int, Whole(ge=1)] | None = None
     """Number of different shapes; further bodies are copies of other sizes. Where it is not given, all differ. Example: 200."""
-    placement: Placement = "layer"
-    velocity: Velocity = AT_REST
-    angular_velocity: AngularVelocity = AT_REST
 
     def checks(self) -> list[Wrong]:
         minimum, maximum = self.spheres

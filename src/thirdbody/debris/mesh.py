@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
 from thirdbody import units
-from thirdbody.debris.contract import PlacedClumps, Placement, PopulationContext, VolumeKeys
+from thirdbody.debris.contract import PlacedClumps, PlacedDebris, PopulationContext
 from thirdbody.errors import Fault, InputError
-from thirdbody.schema.fields import AT_REST, AngularVelocity, Count, PositiveLength, Read, Seed, Text, Velocity, Whole, show
+from thirdbody.schema.fields import PositiveLength, Read, Whole, show
 from thirdbody.schema.sizes import Size
 
 if TYPE_CHECKING:
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 
 def _file_names(value: Any) -> str | list[str]:
-    """Return the name of a file or folder, or a list of names of files. Raises ValueError."""
     names = list(value) if isinstance(value, list | tuple) else [value]
     if not names or not all(isinstance(name, str) for name in names):
         raise ValueError(f"expected a file, a folder or a list of files, got {show(value)}")
@@ -38,7 +37,7 @@ class MeshShape(NamedTuple):
     fit: Fit
 
 
-class Mesh(VolumeKeys):
+class Mesh(PlacedDebris):
     """Bodies from closed surface meshes (STL, OBJ or PLY): clumps of spheres with the mesh's volume and inertia.
 
     `file` is a mesh file, a list of them, or a folder of them (in the order of their names): the bodies take the meshes in
@@ -49,7 +48,6 @@ class Mesh(VolumeKeys):
     file_keys: ClassVar[tuple[str, ...]] = ("file",)
 
     kind: Literal["mesh"] = "mesh"
-    material: Text
     file: Annotated[str | list[str], _FILES]
     """Closed mesh (STL, OBJ, PLY) relative to the scene, a list of such files, or a folder; bodies take them in turn.
     Example: "debris_particle.stl"."""
@@ -57,14 +55,9 @@ class Mesh(VolumeKeys):
     """Length of one unit of the files. Example: "1 um"."""
     spheres: Annotated[int, Whole(ge=4, le=1500)] | None = None
     """Number of spheres of each body; by default 12, and where they miss a thin one as many as lie along it. Example: 12."""
-    count: Count
-    seed: Seed = 1
     size: Size | None = None
     """Volume-equivalent diameter to which each body is rescaled.
     Example: {distribution = "lognormal", median = "6 um", sigma = 0.15}."""
-    placement: Placement = "layer"
-    velocity: Velocity = AT_REST
-    angular_velocity: AngularVelocity = AT_REST
 
     def max_spheres(self) -> int:
         return self.spheres or 1  # 1 where it follows from the mesh
@@ -128,7 +121,6 @@ def meshes_in(folder: Path) -> list[Path]:
 
 
 def _closeness(shapes: list[MeshShape]) -> str:
-    """Describe how closely the spheres follow the surfaces."""
     import numpy as np
 
     number = sorted({len(shape.clump.radii) for shape in shapes})

@@ -25,9 +25,6 @@ GROUP = "thirdbody.debris_kinds"
 FIRST = ("irregular", "spheres", "mesh", "spots", "file")
 """Kinds that lists begin with, in this order; the others follow by name."""
 
-NEEDED = ("kind", "material", "count", "velocity", "angular_velocity")
-"""Keys that every kind must have."""
-
 
 class DebrisKinds(Mapping[str, type[DebrisKind]]):
     """The kinds of debris by name: built-in, installed, and those of plug-in files.
@@ -74,7 +71,6 @@ class DebrisKinds(Mapping[str, type[DebrisKind]]):
         return self.of_files[name][0] if name in self.of_files else self.installed[name].value
 
     def __getitem__(self, name: str) -> type[DebrisKind]:
-        """Return the class of a kind. Raises KeyError, and ValueError for an installed kind that cannot be used."""
         if name in built_in():
             return built_in()[name]
         if name in self.of_files:
@@ -141,8 +137,6 @@ def checked_kind(kind: Any, name: str | None = None) -> type[DebrisKind]:
         raise TypeError(f'{kind.__name__} has no name: declare kind: Literal["name"] = "name"')
     if name is not None and name_of(kind) != name:
         raise TypeError(f"{kind.__name__} is the kind '{name_of(kind)}', not '{name}'")
-    if missing := [key for key in NEEDED if key not in kind.model_fields]:
-        raise TypeError(f"{kind.__name__} lacks the keys {', '.join(missing)}: derive it from PlacedDebris, or declare them")
     return kind
 
 
@@ -165,7 +159,6 @@ class _DebrisTable:
         return core_schema.with_info_wrap_validator_function(read, union, serialization=as_it_is)
 
     def __get_pydantic_json_schema__(self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler) -> Schema:
-        """Return the schemas of the built-in and the installed kinds."""
         result = handler(schema)
         others = [kind for name, kind in DebrisKinds().usable().items() if name not in built_in()]
         return result | {"anyOf": result["anyOf"] + [handler(kind.__pydantic_core_schema__) for kind in others]}

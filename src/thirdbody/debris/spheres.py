@@ -10,18 +10,7 @@ from pydantic import AfterValidator
 
 from thirdbody.debris.contract import MAX_SPHERES_PER_BODY, UPRIGHT, PlacedClumps, Placement, PopulationContext, VolumeKeys
 from thirdbody.errors import Fault, InputError
-from thirdbody.schema.fields import (
-    AT_REST,
-    AngularVelocity,
-    Count,
-    Point,
-    PositiveLength,
-    Quantity,
-    Seed,
-    Text,
-    Velocity,
-    listing,
-)
+from thirdbody.schema.fields import AT_REST, Count, Point, PositiveLength, Quantity, listing
 from thirdbody.schema.parts import MISSING, Location, Part, Wrong, one_of
 
 
@@ -35,7 +24,6 @@ class Ball(Part):
 
 
 def _unit_quaternion(q: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
-    """Return the normalised quaternion. Raises ValueError for zero."""
     # One of unit length up to rounding is unchanged; else saving and reading would change its last bits.
     if abs(math.hypot(*q) - 1.0) < 1e-15:
         return q
@@ -59,7 +47,6 @@ class Spheres(VolumeKeys):
     """
 
     kind: Literal["spheres"] = "spheres"
-    material: Text
     radius: PositiveLength | None = None
     """Radius of single spheres; give it or `shape`. Example: "5 um"."""
     shape: Annotated[tuple[Ball, ...], listing("a list of tables {center, radius}")] | None = None
@@ -67,15 +54,12 @@ class Spheres(VolumeKeys):
     Example: [{center = ["0 um", "0 um", "0 um"], radius = "2 um"}, {center = ["3 um", "0 um", "0 um"], radius = "2 um"}]."""
     count: Count
     """Number of bodies; may be left out where `positions` are given. Example: 100."""
-    seed: Seed = 1
     placement: Placement | None = None
     """How bodies are placed; "layer" unless `positions` are given. Example: "dilute"."""
     positions: Annotated[tuple[Point, ...], listing("a list of points")] | None = None
     """Centres of mass, one point per body; instead of `placement`. Example: [["5 um", "5 um", "5 um"]]."""
     orientation: Quaternion | None = None
     """Quaternion (w, x, y, z), body to world; needs `positions`. Example: [1, 0, 0, 0]."""
-    velocity: Velocity = AT_REST
-    angular_velocity: AngularVelocity = AT_REST
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:

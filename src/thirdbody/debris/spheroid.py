@@ -15,7 +15,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 from thirdbody.debris.contract import MAX_SPHERES_PER_BODY, PlacedDebris, RandomStreams
-from thirdbody.schema.fields import Choice, Quantity, Whole
+from thirdbody.schema.fields import Quantity, Whole
 from thirdbody.schema.parts import Wrong
 from thirdbody.schema.sizes import Size
 
@@ -42,15 +42,6 @@ class Layout(NamedTuple):
 def spheres_in_rings(rings: int) -> int:
     """Return the number of spheres in the middle and in rings of 6, 12, 18 ... around it."""
     return 1 + 3 * rings * (rings + 1)
-
-
-def number_of_spheres(form: str, axial_ratio: float, maximum: int) -> int:
-    """Return the number of spheres of a body: 1 for a sphere, as many as allowed on a segment, full rings on a disc."""
-    if axial_ratio > BALL:
-        return 1
-    if form == "prolate":
-        return maximum
-    return max((n for n in map(spheres_in_rings, RINGS) if n <= maximum), default=maximum)
 
 
 @lru_cache(maxsize=16)
@@ -147,7 +138,7 @@ class Spheroid(PlacedDebris):
     """Diameter of the ball of the same volume. Example: "10 um"."""
     axial_ratio: Annotated[float, Quantity(ge=0.1, le=1)]
     """Shorter over longer axis. Example: 0.5."""
-    form: Annotated[Literal["prolate", "oblate"], Choice()] = "prolate"
+    form: Literal["prolate", "oblate"] = "prolate"
     """"prolate": long, spheres on a segment; "oblate": flat, spheres on a disc. Example: "oblate"."""
     spheres: Annotated[int, Whole(ge=2, le=MAX_SPHERES_PER_BODY)] = 20
     """Most spheres of a body; an oblate one takes the largest of 7, 19, 37, 61, 91 that is allowed. Example: 20."""
@@ -180,7 +171,11 @@ class Spheroid(PlacedDebris):
         return [(("spheres",), f"{apart}: at least {enough}")]
 
     def max_spheres(self) -> int:
-        return number_of_spheres(self.form, self.axial_ratio, self.spheres)
+        if self.axial_ratio > BALL:
+            return 1
+        if self.form == "prolate":
+            return self.spheres
+        return max((n for n in map(spheres_in_rings, RINGS) if n <= self.spheres), default=self.spheres)
 
     def clumps(self, random: RandomStreams) -> list[Clump]:
         from thirdbody.bodies.clump import clump

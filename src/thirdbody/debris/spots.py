@@ -1,5 +1,6 @@
 """The debris kind `spots`: a particle given by the spots that it rests on, as in Willert's three-spot theory."""
 
+import math
 import numbers
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -9,8 +10,6 @@ from thirdbody.debris.contract import CLEARANCE, DebrisKind, PlacedClumps, Popul
 from thirdbody.schema.fields import (
     AT_REST,
     THREE,
-    AngularVelocity,
-    Choice,
     Count,
     Flag,
     Length,
@@ -18,9 +17,7 @@ from thirdbody.schema.fields import (
     PositiveMass,
     Quantity,
     ShortForm,
-    Text,
     TwoLengths,
-    Velocity,
     listing,
     plain,
     quantity_schema,
@@ -33,7 +30,7 @@ _INERTIA = Quantity(dimension="inertia", gt=0)
 class Spot(Part):
     """A summit that meets one plate only: its place relative to the centre of mass (m), and its radius of curvature."""
 
-    side: Annotated[Literal["lower", "upper"], Choice()]
+    side: Literal["lower", "upper"]
     """Plate that the spot meets; it meets nothing else. Example: "lower"."""
     x: Length
     """Place relative to the centre of mass. Example: "-2 um"."""
@@ -46,7 +43,6 @@ class Spot(Part):
 
 
 def _three_moments(value: Any, info: ValidationInfo) -> Any:
-    """Return a single moment of inertia as the three that it represents."""
     if not isinstance(value, str | numbers.Real):
         return value
     _INERTIA.read(value, info)  # so that a fault is reported once
@@ -72,7 +68,6 @@ class Spots(DebrisKind):
     meets_debris: ClassVar[bool] = False
 
     kind: Literal["spots"] = "spots"
-    material: Text
     spots: Annotated[tuple[Spot, ...], listing("a list of tables {side, x, y, z, radius}")]
     """Spots of a body, at least one on each side. Example: [{side = "upper", x = "0.2 um", z = "2 um", radius = "2 um"},
     {side = "lower", x = "0 um", z = "-2 um", radius = "1 um"}]."""
@@ -86,8 +81,6 @@ class Spots(DebrisKind):
     """Number of bodies, all alike; may be left out where `positions` are given. Example: 3."""
     positions: Annotated[tuple[TwoLengths, ...], listing("a list of points [x, y]")] | None = None
     """Places x, y of the centres of mass; by default rows over the domain. Example: [["6 um", "4 um"]]."""
-    velocity: Velocity = AT_REST
-    angular_velocity: AngularVelocity = AT_REST
 
     @classmethod
     def arrange(cls, raw: dict[str, Any]) -> dict[str, Any]:
@@ -114,10 +107,10 @@ class Spots(DebrisKind):
             faults += [
                 (("spots", k, "y"), "must be 0 in a planar particle") for k, spot in enumerate(self.spots) if spot.y != 0.0
             ]
-            if self.velocity[1] != 0.0:
+            if (self.velocity or AT_REST)[1] != 0.0:
                 faults.append((("velocity", 1), "must be 0 in a planar particle, which moves in the plane y = 0"))
             why = "must be 0 in a planar particle, which turns about y only"
-            faults += [(("angular_velocity", axis), why) for axis in (0, 2) if self.angular_velocity[axis] != 0.0]
+            faults += [(("angular_velocity", axis), why) for axis in (0, 2) if (self.angular_velocity or AT_REST)[axis] != 0.0]
         return faults
 
     def height(self) -> float:
@@ -135,13 +128,22 @@ class Spots(DebrisKind):
     def bodies(self, context: PopulationContext) -> PlacedClumps:
         import numpy as np
 
-        from thirdbody.bodies.clump import positions_in_rows, spot_body
+        from thirdbody.bodies.clump import Clump
+        from thirdbody.kernels.tables import ONLY_LOWER, ONLY_UPPER
 
-        summits = np.array([(spot.x, spot.y, spot.z) for spot in self.spots])
         radii = np.array([spot.radius for spot in self.spots])
         upper = np.array([spot.side == "upper" for spot in self.spots])
-        body = spot_body(summits, radii, upper, self.mass, self.inertia, context.density)
-        locations = positions_in_rows(self.count, context.domain) if self.positions is None else np.array(self.positions, float)
+        # a summit is the point that touches first; axes are the principal ones
+        centers = np.array([(spot.x, spot.y, spot.z) for spot in self.spots])
+        centers[:, 2] -= np.where(upper, radii, -radii)
+        volume, inertia = self.mass / context.density, np.array(self.inertia) / context.density
+        body = Clump(centers, radii, volume, inertia, 0.0, np.where(upper, ONLY_UPPER, ONLY_LOWER))
+        k, (width, depth) = np.arange(self.count), context.domain
+        columns = max(1, round(math.sqrt(self.count * width / depth)))  # in rows: a nearly square rectangular grid
+        lines = math.ceil(self.count / columns)
+        locations = np.column_stack(((k % columns + 0.5) * width / columns, (k // columns + 0.5) * depth / lines))
+        if self.positions is not None:
+            locations = np.array(self.positions, float)
         height = CLEARANCE * self.height() - min(spot.z for spot in self.spots)
         return PlacedClumps([body] * self.count, positions=np.column_stack((locations, np.full(self.count, height))))
 

@@ -55,7 +55,6 @@ def raw_faults(raw: dict[str, Any], kinds: Mapping[str, type[DebrisKind]], movin
 
 
 def _material_faults(raw: dict[str, Any]) -> list[Wrong]:
-    """Return faults of material names that are used but not defined."""
     materials = raw.get("materials")
     if not isinstance(materials, Mapping) or not materials:
         return []
@@ -71,7 +70,6 @@ def _material_faults(raw: dict[str, Any]) -> list[Wrong]:
 
 
 def _pair_faults(raw: dict[str, Any], kinds: Mapping[str, type[DebrisKind]]) -> list[Wrong]:
-    """Return faults of pairs given twice, and of pairs of materials that can meet but are not given."""
     materials = raw.get("materials")
 
     def defined(names: list[Any]) -> bool:
@@ -103,7 +101,6 @@ def _items(node: Any) -> list[Any]:
 
 
 def _meetings(raw: dict[str, Any], kinds: Mapping[str, type[DebrisKind]]) -> Iterator[tuple[Any, Any, str]]:
-    """Yield the materials that can touch, and the tables that they belong to."""
     debris = [(f"debris[{i}]", entry(d, "material"), d, _kind(d, kinds)) for i, d in enumerate(_items(raw.get("debris")))]
     for name, material, _, _ in debris:
         for side in SIDES:
@@ -138,7 +135,6 @@ ALONE = "the implicit integrator takes slow motion as it is, and needs no other 
 
 
 def _bed_faults(solver: Any, contact: Any, moving: bool) -> list[Wrong]:
-    """Return faults of a wanted inertial number where no bed is sheared."""
     location: Location = ("solver", "inertial_number")
     faults: list[Wrong] = []
     if entry(solver, "inertial_number") is None:

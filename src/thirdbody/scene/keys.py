@@ -60,7 +60,6 @@ def table_keys(schema: Schema) -> list[Key]:
 
 
 def _keys(table: Schema, tables: Schema, path: str, names: tuple[str, ...]) -> Iterator[Key]:
-    """Yield the keys of a table and of the tables inside it."""
     required, visited = table.get("required", ()), set[str]()
     for name, value in table["properties"].items():
         key = _key(f"{path}{name}", value, name in required, names)

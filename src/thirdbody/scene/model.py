@@ -17,6 +17,7 @@ from typing import Annotated, Any
 
 from pydantic import PrivateAttr, ValidationError
 
+from thirdbody.atomic_files import write_whole
 from thirdbody.debris.contract import MAX_SPHERES
 from thirdbody.debris.file import File
 from thirdbody.debris.irregular import Irregular
@@ -24,7 +25,7 @@ from thirdbody.debris.mesh import Mesh
 from thirdbody.debris.registry import Debris, DebrisKinds, kinds_of
 from thirdbody.debris.spheres import Ball, Spheres
 from thirdbody.debris.spots import Spot, Spots
-from thirdbody.errors import Fault, InputError
+from thirdbody.errors import Fault, InputError, OutputError
 from thirdbody.scene.checks import faults_between, number_faults, raw_faults
 from thirdbody.scene.motion import Constant as ConstantVelocity
 from thirdbody.scene.motion import Motion, Pause, Ramp, Stroke, Table
@@ -35,7 +36,7 @@ from thirdbody.schema.fields import Text, Whole, listing, plain
 from thirdbody.schema.parts import MISSING, Location, Part, Wrong, bundle, wrongs_of
 from thirdbody.schema.read import Source, read_text, read_toml
 from thirdbody.schema.sizes import Constant, Lognormal, Normal, Uniform
-from thirdbody.schema.write import save_text, toml_text
+from thirdbody.schema.write import toml_text
 
 __all__ = [
     "Ball", "Constant", "ConstantVelocity", "Contact", "Debris", "Domain", "Effects", "File", "Irregular", "Lognormal",
@@ -305,7 +306,11 @@ class Scene(Part):
         InputError, OutputError
             An option cannot be written as TOML; the file cannot be written.
         """
-        save_text(path, self.to_toml())
+        text = self.to_toml()
+        try:
+            write_whole(Path(path), text.encode())
+        except OSError as error:
+            raise OutputError(f"{os.fspath(path)}: cannot be written: {error.strerror}") from None
 
     def with_settings(self, settings: Mapping[str, Any]) -> Scene:
         """Return the scene with values replaced.

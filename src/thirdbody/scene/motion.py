@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import PlainSerializer
 
-from thirdbody.schema.fields import Choice, Force, PositiveLength, PositiveNumber, PositiveTime, Quantity, ShortForm, Speed, Text
+from thirdbody.schema.fields import Force, PositiveLength, PositiveNumber, PositiveTime, Quantity, ShortForm, Speed, Text
 from thirdbody.schema.parts import Part, one_or_more
 
 
@@ -43,7 +43,7 @@ class Stroke(Part):
     """Stroke of a reciprocating motion, peak to peak. Example: "50 um"."""
     frequency: Annotated[float, Quantity(dimension="frequency", gt=0)]
     """Cycles per second. Example: "5 Hz"."""
-    shape: Annotated[Literal["sine", "triangle"], Choice()] = "sine"
+    shape: Literal["sine", "triangle"] = "sine"
     """Displacement over time; a sine starts from rest at one end. Example: "triangle"."""
     cycles: PositiveNumber | None = None
     """Number of cycles; required where another stage follows. Example: 3."""
@@ -76,7 +76,6 @@ _LOADS: dict[str, type[Part]] = {"load": Load, "pause": Pause, "table": Table}
 
 
 def _endless(stage: Any) -> str | None:
-    """Return the key that a stage before the last lacks, since it would never end."""
     if isinstance(stage, Constant) and stage.duration is None:
         return "duration"
     return "cycles" if isinstance(stage, Stroke) and stage.cycles is None else None
@@ -84,7 +83,6 @@ def _endless(stage: Any) -> str | None:
 
 @PlainSerializer
 def _plain_stages(stages: tuple[Part, ...]) -> Any:
-    """Return a single stage as a table, several as a list."""
     tables = [stage.model_dump(exclude_none=True) for stage in stages]
     return tables[0] if len(tables) == 1 else tables
 

@@ -1,13 +1,13 @@
 """The table `output` of a scene: when frames are written, and what of them."""
 
 import numbers
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, SerializerFunctionWrapHandler, model_serializer
+from pydantic import BeforeValidator, model_serializer
 
 from thirdbody import units
-from thirdbody.schema.fields import Choice, Flag, Quantity, ShortForm, Text, Whole, in_file, listing, quantity_schema, show
+from thirdbody.schema.fields import Flag, Quantity, ShortForm, Text, Whole, in_file, listing, quantity_schema, show
 from thirdbody.schema.parts import Part, Wrong, bundle, described
 
 _EVERY = {"distance": "length", "time": "time"}
@@ -19,13 +19,13 @@ class Profiles(Part):
 
     bins: Annotated[int, _BINS]
     """Number of slabs. Example: 20."""
-    axis: Annotated[Literal["x", "y", "z"], Choice()] = "z"
+    axis: Literal["x", "y", "z"] = "z"
     """Axis across the slabs. Example: "y"."""
 
 
 _BINS_ALONE = BeforeValidator(lambda value: value if isinstance(value, Mapping | Profiles) else {"bins": _BINS.read(value)})
 
-_Block = Annotated[Literal["spheres", "clumps", "contacts"], Choice()]
+_Block = Literal["spheres", "clumps", "contacts"]
 
 STORED = ("sample", "blocks", "arrays", "precision", "compress")
 """Keys of `output` about the run file."""
@@ -39,7 +39,7 @@ class Output(Part):
 
     every: Annotated[float, Quantity(gt=0)]
     """Interval between frames: a sliding distance or a time. Example: "0.5 um"."""
-    every_kind: Annotated[Literal["distance", "time"], Choice()] = "time"  # `rules`: the default is never used
+    every_kind: Literal["distance", "time"] = "time"  # `rules`: the default is never used
     profiles: Annotated[Profiles, _BINS_ALONE, ShortForm({"type": "integer"} | _BINS.limits())] | None = None
     """Number of slabs between the plates for profiles of velocity, stress and more; or a table with an axis. Example: 20."""
     sample: Annotated[int, Whole(ge=1)] | None = None
@@ -51,7 +51,7 @@ class Output(Part):
     arrays: Annotated[list[Text], listing("a list of names")] | None = None
     """Arrays of the bodies that are written besides position, state and reason; all by default. Names: `thirdbody keys bodies`.
     Example: ["quaternion", "friction_work"]."""
-    precision: Annotated[Literal["float64", "float32"], Choice()] = "float64"
+    precision: Literal["float64", "float32"] = "float64"
     """Floating-point numbers of the arrays in the run file; the state of the run, its series and checkpoints are always float64.
     Example: "float32"."""
     compress: Flag = False
@@ -93,7 +93,7 @@ class Output(Part):
         return raw | {"every": value, "every_kind": kind}
 
     @model_serializer(mode="wrap")
-    def _flatten(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _flatten(self, handler: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:
         document: dict[str, Any] = {"every": units.format_si(self.every, _EVERY[self.every_kind])}
         if self.profiles is not None:
             document["profiles"] = self.profiles.bins if self.profiles.axis == "z" else self.profiles.model_dump()

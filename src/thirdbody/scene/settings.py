@@ -42,7 +42,6 @@ def toml_value(value: str) -> Any:
 
 
 def _set(document: dict[str, Any], path: str, value: Any, settings: Mapping[str, Any]) -> Location:
-    """Set the value at the path; return the place. Raises ValueError."""
     words = [word for word in re.split(r"[.\[\]]+", path) if word]
     if not words:
         raise ValueError("expected a path such as solver.distance")
@@ -67,7 +66,6 @@ def _set(document: dict[str, Any], path: str, value: Any, settings: Mapping[str,
 
 
 def _key(node: Any, word: str, location: Location) -> str | int:
-    """Return the word as key of a table or as index of a list. Raises ValueError."""
     if isinstance(node, dict):
         return word
     if not isinstance(node, list):

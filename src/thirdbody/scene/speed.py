@@ -32,7 +32,6 @@ def at_speed(scene: Scene, factor: float) -> Scene:
 
 
 def _faster(value: Any, factor: float) -> Any:
-    """Return a table, or each of several, at the other speed; anything else as it is."""
     if isinstance(value, tuple):
         return tuple(_faster(entry, factor) for entry in value)
     if not isinstance(value, Part):

@@ -9,18 +9,7 @@ from typing import Annotated, Literal
 from pydantic import WrapValidator
 
 from thirdbody import units
-from thirdbody.schema.fields import (
-    Angle,
-    Choice,
-    Flag,
-    PositiveLength,
-    Quantity,
-    Seed,
-    ShortForm,
-    Text,
-    TwoLengths,
-    TwoPositiveLengths,
-)
+from thirdbody.schema.fields import Angle, Flag, PositiveLength, Quantity, Seed, ShortForm, Text, TwoLengths, TwoPositiveLengths
 from thirdbody.schema.parts import Part, Wrong, one_or_more, table_by_leading_key
 from thirdbody.surfaces import grid
 from thirdbody.surfaces.scan import TEXTS
@@ -149,7 +138,7 @@ class SurfaceFile(Part):
     """Unit of the heights of a CSV or TXT file, which names none. Example: "1 um"."""
     spacing: TwoPositiveLengths | None = None
     """Distance of the points along x and y of a CSV or TXT file. Example: ["0.5 um", "0.5 um"]."""
-    level: Annotated[Literal["mean", "plane", "curved"], Choice()] | None = None
+    level: Literal["mean", "plane", "curved"] | None = None
     """What is subtracted: the mean, the plane of least squares, or the polynomial of second order. By default the plane; of a
     map that is periodic the mean. Example: "curved"."""
     crop: Crop | None = None
@@ -157,7 +146,7 @@ class SurfaceFile(Part):
     short: PositiveLength | None = None
     """Shortest wavelength that is left; waves 1.5 times as long stay as they are. By default four points of the file; a map that
     is periodic then stays as it is. Example: "2 um"."""
-    join: Annotated[Literal["blend", "mirror", "periodic"], Choice()] = "blend"
+    join: Literal["blend", "mirror", "periodic"] = "blend"
     """How copies meet: "blend" cuts each where it differs least from the next and blends about the cut, "mirror" turns every
     second copy round, "periodic" is for a map that is periodic, such as one of `thirdbody surface SCENE -o map.npz`.
     Example: "mirror"."""

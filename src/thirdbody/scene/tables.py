@@ -6,7 +6,6 @@ from thirdbody.scene.motion import Loading, Motion
 from thirdbody.scene.surfaces import Surface
 from thirdbody.schema.fields import (
     THREE,
-    Choice,
     Flag,
     Force,
     Fraction,
@@ -107,7 +106,7 @@ class UpperPlate(Part):
 
     material: Text
     """Name of its material. Example: "steel"."""
-    support: Annotated[Literal["rigid", "foundation", "load_per_particle"], Choice()] = "rigid"
+    support: Literal["rigid", "foundation", "load_per_particle"] = "rigid"
     """"rigid": one plate; "load_per_particle": one patch per body, each with the load; "foundation": patches on springs below a
     common plate. Example: "foundation"."""
     load: Annotated[float, Quantity(dimension="force", gt=0)] | None = None
@@ -211,7 +210,7 @@ class Contact(Part):
     level: Text | None = None
     """Level of the law, that is the tangential law; "mindlin" for `law = "three_spot"`, else the default of the law.
     Example: "mdr"."""
-    debris_contact: Annotated[Literal["auto", "none"], Choice()] = "auto"
+    debris_contact: Literal["auto", "none"] = "auto"
     """"none" declares an ensemble: bodies do not see each other. Example: "none"."""
     options: dict[str, Any] = {}
 
@@ -249,7 +248,7 @@ class Solver(Part):
     The keys named in IMPLICIT_KEYS (`largest_step`: distance of the drag [m]) are documented in `engine.implicit`.
     """
 
-    integrator: Annotated[Literal["auto", "explicit", "implicit"], Choice()] = "auto"
+    integrator: Literal["auto", "explicit", "implicit"] = "auto"
     """"auto" takes the implicit one where bodies meet the plates only, or few each other and it is expected to be faster, and
     says why. Example: "implicit"."""
     time_step: Annotated[float | Literal["auto"], Quantity(dimension="time", gt=0, words=("auto",))] = "auto"
@@ -258,7 +257,7 @@ class Solver(Part):
     """Sliding distance of the run, after settling; give it or `duration`. Example: "20 um"."""
     duration: PositiveTime | None = None
     """Duration of the run, after settling; give it or `distance`. Example: "10 us"."""
-    initial_overlap: Annotated[Literal["refuse", "relax"], Choice()] = "refuse"
+    initial_overlap: Literal["refuse", "relax"] = "refuse"
     """What happens when bodies overlap at the start: "relax" pushes them apart, between flat plates. The run says how far.
     Example: "relax"."""
     settle: Annotated[float | Literal["auto"], Quantity(dimension="time", ge=0, words=("auto",))] = "auto"
@@ -273,7 +272,7 @@ class Solver(Part):
     inertia: Flag | None = None
     """Implicit integrator: whether bodies keep their momentum; false is quasi-static. true where it is not given.
     Example: false."""
-    on_failure: Annotated[Literal["stop", "continue"], Choice()] | None = None
+    on_failure: Literal["stop", "continue"] | None = None
     """Implicit integrator: "continue" goes on without a body that cannot be solved. "stop" where it is not given.
     Example: "continue"."""
 

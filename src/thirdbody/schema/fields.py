@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, get_args
 
-from pydantic import BeforeValidator, ValidationInfo
+from pydantic import BeforeValidator, StrictBool, ValidationInfo
 from pydantic_core import core_schema
 
 from thirdbody import units
@@ -236,12 +236,6 @@ def _text(value: Any) -> str:
     return value
 
 
-def _flag(value: Any) -> bool:
-    if not isinstance(value, bool):
-        raise ValueError(f"expected true or false, got {show(value)}")
-    return value
-
-
 def listing(what: str, length: int | None = None) -> BeforeValidator:
     """Return a check that a value is a list; it accepts numpy arrays too.
 
@@ -270,7 +264,7 @@ def listing(what: str, length: int | None = None) -> BeforeValidator:
 
 
 Text = Annotated[str, Read(_text, {"type": "string"})]
-Flag = Annotated[bool, Read(_flag, {"type": "boolean"})]
+Flag = StrictBool
 Count = Annotated[int, Whole(ge=1)]
 Seed = Annotated[int, Whole(ge=0)]
 

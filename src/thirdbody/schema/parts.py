@@ -18,18 +18,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache
 from typing import Any, ClassVar
 
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    ModelWrapValidatorHandler,
-    SerializerFunctionWrapHandler,
-    ValidationError,
-    ValidationInfo,
-    ValidatorFunctionWrapHandler,
-    WrapValidator,
-    model_serializer,
-    model_validator,
-)
+from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, WrapValidator, model_serializer, model_validator
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from thirdbody.errors import Fault, InputError, nearest
@@ -68,8 +57,10 @@ def wrongs_of(error: ValidationError) -> list[Wrong]:
     result = []
     for entry in error.errors(include_url=False):
         text = MISSING if entry["type"] == "missing" else entry["msg"].removeprefix("Value error, ")
-        if entry["type"] == "dict_type":
-            text = f"expected a table, got {show(entry['input'])}"
+        if expected := {"dict_type": "a table", "bool_type": "true or false"}.get(entry["type"]):
+            text = f"expected {expected}, got {show(entry['input'])}"
+        if entry["type"] == "literal_error":
+            text = f"{show(entry['input'])} is not one of {entry['ctx']['expected'].replace(' or ', ', ')}"
         result.append((tuple(entry["loc"]), text))
     return result
 
@@ -153,7 +144,7 @@ class Part(BaseModel):
 
     @model_validator(mode="wrap")
     @classmethod
-    def _collect(cls, data: Any, handler: ModelWrapValidatorHandler[Any], info: ValidationInfo) -> Any:
+    def _collect(cls, data: Any, handler: Callable[[Any], Any], info: ValidationInfo) -> Any:
         if isinstance(data, cls):
             return data
         if not isinstance(data, Mapping):
@@ -199,7 +190,7 @@ class Part(BaseModel):
         return known, renamed, faults
 
     @model_serializer(mode="wrap")
-    def _flatten(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _flatten(self, handler: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:
         document = handler(self)
         return document | document.pop(self.extra_keys) if self.extra_keys else document
 
@@ -260,7 +251,7 @@ def one_or_more(what: str, kinds: Kinds, example: str, endless: Callable[[Any], 
     to have an end, None if it has one.
     """
 
-    def read(value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> tuple[Part, ...]:
+    def read(value: Any, handler: Any, info: ValidationInfo) -> tuple[Part, ...]:
         several = isinstance(value, list | tuple)
         entries = list(value) if several else [value]
         if not entries:

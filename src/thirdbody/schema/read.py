@@ -131,9 +131,8 @@ def read_toml(text: str, name: str) -> tuple[dict[str, Any], Source]:
         raise InputError(Fault("", f"not valid TOML: {_WHERE.sub('', str(error))}", name, line, column)) from None
 
 
-_BLANK = re.compile(r"[ \t]*")
 _VOID = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
-_KEY_PART = re.compile(r"""[A-Za-z0-9_-]+|"(?:[^"\\\n]|\\.)*"|'[^'\n]*'""")
+_KEY_PART = re.compile(r"""[ \t]*([A-Za-z0-9_-]+|"(?:[^"\\\n]|\\.)*"|'[^'\n]*')[ \t]*(\.?)""")
 _VALUE = re.compile(
     r'"""(?:[^\\]|\\.)*?"{3,5}(?!")|'
     r"'''.*?'{3,5}(?!')|"
@@ -149,9 +148,7 @@ def locate(text: str) -> dict[Location, tuple[int, int]]:
 
     Only for text that tomllib has accepted: the scanner assumes valid syntax and does not check it.
     """
-    scanner = _Scanner(text.replace("\r\n", "\n"))
-    scanner.document()
-    return scanner.positions
+    return _Scanner(text.replace("\r\n", "\n")).positions
 
 
 class _Scanner:
@@ -160,25 +157,20 @@ class _Scanner:
         self.line_starts = [0, *(match.end() for match in re.finditer("\n", text))]
         self.positions: dict[Location, tuple[int, int]] = {}
         self.lengths: dict[Location, int] = {}  # of arrays of tables
-
-    def document(self) -> None:
         table: Location = ()
-        self._skip(_VOID)
-        while self.at < len(self.text):
-            if self._peek("["):
+        self._next(_VOID)
+        while self.at < len(text):
+            if text[self.at] == "[":
                 table = self._header()
             else:
                 self._assignment(table)
-            self._skip(_VOID)
+            self._next(_VOID)
 
-    def _peek(self, text: str) -> bool:
-        return self.text.startswith(text, self.at)
-
-    def _skip(self, pattern: re.Pattern[str]) -> str:
+    def _next(self, pattern: re.Pattern[str]) -> re.Match[str]:
         match = pattern.match(self.text, self.at)
         assert match is not None, "the scanner met text that tomllib cannot have accepted"
         self.at = match.end()
-        return match[0]
+        return match
 
     def _mark(self, location: Location, start: int) -> None:
         line = bisect_right(self.line_starts, start)
@@ -186,14 +178,14 @@ class _Scanner:
 
     def _header(self) -> Location:
         """Read [a.b] or [[a.b]]: return the place of the following keys."""
-        start, brackets = self.at, 2 if self._peek("[[") else 1
+        start, brackets = self.at, 2 if self.text.startswith("[[", self.at) else 1
         self.at += brackets
         parts = self._key()
         self.at += brackets
         location: Location = ()
-        for i, part in enumerate(parts):
+        for i, part in enumerate(parts, 1):
             location += (part,)
-            if brackets == 2 and i == len(parts) - 1:
+            if brackets == 2 and i == len(parts):
                 self.lengths[location] = self.lengths.get(location, 0) + 1
             self._mark(location, start)
             if location in self.lengths:
@@ -202,42 +194,38 @@ class _Scanner:
         return location
 
     def _key(self) -> list[str]:
-        parts = []
-        while True:
-            self._skip(_BLANK)
-            token = self._skip(_KEY_PART)
-            parts.append(next(iter(tomllib.loads(f"{token} = 0"))) if token[0] in "\"'" else token)
-            self._skip(_BLANK)
-            if not self._peek("."):
-                return parts
-            self.at += 1
+        parts, dot = [], "."
+        while dot:
+            word, dot = self._next(_KEY_PART).groups()
+            parts.append(next(iter(tomllib.loads(f"{word} = 0"))) if word[0] in "\"'" else word)
+        return parts
 
-    def _assignment(self, table: Location) -> None:
-        start, location = self.at, table
+    def _assignment(self, location: Location) -> None:
+        start = self.at
         for part in self._key():
             location += (part,)
             self._mark(location, start)
         self.at += 1  # the equals sign
-        self._skip(_BLANK)
+        self._next(_VOID)
         self._value(location)
 
     def _value(self, location: Location) -> None:
-        end = "]" if self._peek("[") else "}" if self._peek("{") else ""
-        if not end:
-            self._skip(_VALUE)
+        end = {"[": "]", "{": "}"}.get(self.text[self.at])
+        if end is None:
+            self._next(_VALUE)
             return
         self.at += 1
-        self._skip(_VOID)
+        self._next(_VOID)
         index = 0
-        while not self._peek(end):
+        while self.text[self.at] != end:
             if end == "}":
                 self._assignment(location)
             else:
                 self._mark((*location, index), self.at)
                 self._value((*location, index))
             index += 1
-            self._skip(_VOID)
-            if self._peek(","):
+            self._next(_VOID)
+            if self.text[self.at] == ",":
                 self.at += 1
-                self._skip(_VOID)
+                self._next(_VOID)
         self.at += 1

@@ -2,11 +2,10 @@
 
 import json
 import math
-import os
 import re
 from typing import Any
 
-from thirdbody.errors import Fault, InputError, OutputError, printable
+from thirdbody.errors import Fault, InputError, printable
 from thirdbody.schema.fields import is_unicode
 from thirdbody.schema.parts import Location, key_path
 
@@ -15,18 +14,7 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 def toml_text(document: dict[str, Any]) -> str:
     """Return the document as TOML text. Raises InputError for a value that TOML cannot represent."""
-    tables = {
-        name: value for name, value in document.items()
-        if isinstance(value, dict) or (isinstance(value, list) and value and all(isinstance(entry, dict) for entry in value))
-    }  # fmt: skip
-    lines = _assignments({name: value for name, value in document.items() if name not in tables}, ())
-    for name, value in tables.items():
-        if isinstance(value, dict):
-            lines += _table(value, (name,), f"[{_key(name)}]")
-        else:
-            for i, entry in enumerate(value):
-                lines += ["", f"[[{_key(name)}]]", *_assignments(entry, (name, i))]
-    return "\n".join(lines) + "\n"
+    return "\n".join(_table(document, (), "")) + "\n"
 
 
 def toml_value_text(value: Any, key: str) -> str:
@@ -34,26 +22,25 @@ def toml_value_text(value: Any, key: str) -> str:
     return _value(value, (key,))
 
 
-def save_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write the text as UTF-8. Raises OutputError, or InputError for text that UTF-8 cannot encode."""
-    try:
-        data = text.encode("utf-8")
-    except UnicodeEncodeError as error:
-        raise InputError(f"the scene holds a character that UTF-8 has no form for: {error.reason}") from None
-    try:
-        with open(path, "wb") as file:
-            file.write(data)
-    except OSError as error:
-        raise OutputError(f"{os.fspath(path)}: cannot be written: {error.strerror}") from None
-
-
 def _table(table: dict[str, Any], location: Location, header: str) -> list[str]:
-    """Return header and lines; inner tables get headers of their own at the second level."""
-    nested = {key: value for key, value in table.items() if isinstance(value, dict) and len(location) < 2}
-    lines = _assignments({key: value for key, value in table.items() if key not in nested}, location)
-    lines = ["", header, *lines] if lines or not nested else []
-    for key, value in nested.items():
-        lines += _table(value, (*location, key), f"{header[:-1]}.{_key(key)}]")
+    """Return header and lines; tables of the first two levels, and lists of tables of the first, get headers of their own."""
+
+    def is_inner(value: Any) -> bool:
+        if isinstance(value, list):
+            return bool(value) and not location and all(isinstance(entry, dict) for entry in value)
+        return isinstance(value, dict) and len(location) < 2
+
+    inner = {key: value for key, value in table.items() if is_inner(value)}
+    lines = _assignments({key: value for key, value in table.items() if key not in inner}, location)
+    if header and (lines or not inner):
+        lines = ["", header, *lines]
+    for key, value in inner.items():
+        name = f"{header[1:-1]}.{_key(key)}" if header else _key(key)
+        if isinstance(value, dict):
+            lines += _table(value, (*location, key), f"[{name}]")
+        else:
+            for i, entry in enumerate(value):
+                lines += ["", f"[[{name}]]", *_assignments(entry, (key, i))]
     return lines
 
 

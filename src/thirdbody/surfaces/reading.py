@@ -233,7 +233,6 @@ _READERS = {".npz": _npz_map, ".x3p": _x3p_map}
 
 
 def _wraps(numbers: np.ndarray, valid: np.ndarray) -> bool:
-    """Return whether neighbours differ by more than half the range of their type."""
     half = 2 ** (8 * numbers.dtype.itemsize - 1)
     heights = np.where(valid, numbers, np.nan)
     return any(bool(np.any(np.abs(np.diff(heights, axis=axis)) > half)) for axis in (0, 1))
@@ -292,7 +291,6 @@ def _grid(file: str, main: ElementTree.Element) -> _Grid:
 
 
 def _linked(file: str, archive: zipfile.ZipFile, main: ElementTree.Element, link: str, checksum: str) -> tuple[str, bytes]:
-    """Return name and bytes of a member that `main.xml` names, with their checksum verified. Raises InputError."""
     name, wanted = _element(main, _LINK + link), _element(main, _LINK + checksum).lower()
     data = member(file, archive, name)
     if wanted and hashlib.md5(data, usedforsecurity=False).hexdigest() != wanted:

@@ -23,20 +23,9 @@ Array = np.ndarray
 class Surface:
     """Heights above the mean plane at the points of a periodic grid, and what made them.
 
-    Attributes
-    ----------
-    heights : ndarray (n_y, n_x)
-        Heights [m], mean 0; the first point is at the origin of the domain, x changes fastest.
-    size : tuple of float
-        Period along x and y [m].
-    shortest : float
-        Shortest wavelength that it is meant to have [m].
-    curvature : bool
-        Whether its curvature changes the radius of contacts.
-    notes : tuple of str
-        What was done to a measured surface.
-    copies : tuple of int
-        Equal parts along x and y of which it consists.
+    heights (n_y, n_x) [m], mean 0: the first point is at the origin of the domain, x changes fastest; size: period along x and y
+    [m]; shortest: shortest wavelength that it is meant to have [m]; curvature: whether its curvature changes the radius of
+    contacts; notes: what was done to a measured surface; copies: equal parts along x and y of which it consists.
     """
 
     heights: np.ndarray = field(repr=False)
