@@ -37,11 +37,6 @@ def read_maps(file: h5py.File, frame: int) -> dict[str, np.ndarray]:
     return result
 
 
-def map_units(file: h5py.File) -> dict[str, str]:
-    """Return the unit of each map by name."""
-    return {name: str(values.attrs["units"]) for name, values in file.get(MAPS, {}).items()}
-
-
 def write_surfaces(file: h5py.File, surfaces: Mapping[str, Surface]) -> None:
     """Write the surfaces by plate into a new file."""
     for side, surface in surfaces.items():
@@ -61,25 +56,3 @@ def read_surfaces(file: h5py.File) -> dict[str, Surface]:
         size, copies = (tuple(numbers[name].tolist()) for name in ("size", "copies"))
         surfaces[side] = Surface(heights[()], size, float(numbers["shortest"]), bool(numbers["curvature"]), copies=copies)
     return surfaces
-
-
-def refuse_unsound_plates(file: h5py.File, frames: int) -> None:
-    """Raise ValueError, TypeError or KeyError for surfaces and maps that a run does not write."""
-    for side, heights in file.get(SURFACES, {}).items():
-        if side not in PLATES or heights.ndim != 2 or heights.dtype.kind != "f" or min(heights.shape) < 4:
-            raise ValueError(f"{heights.name} is no surface of a plate")
-        if heights.nbytes > file.id.get_filesize() and heights.compression is None:
-            raise ValueError(f"{heights.name} promises {heights.nbytes:.3g} bytes")
-        for name in ("size", "copies"):
-            if heights.attrs[name].shape != (2,) or not np.all((heights.attrs[name] > 0) & np.isfinite(heights.attrs[name])):
-                raise ValueError(f"{heights.name}: {name} {str(heights.attrs[name])[:60]}")
-    for values in file.get(MAPS, {}).values():
-        if not isinstance(values, h5py.Dataset) or values.ndim != 2 or values.dtype != np.float64 or not values.shape[1]:
-            raise TypeError(f"{values.name} is no map of plates")
-        rows = int(values.attrs["rows"])
-        if rows < 2 or rows % 2 or len(values) < frames * rows:
-            raise ValueError(f"{values.name} has {len(values)} rows, {frames} frames of {rows} are needed")
-        if values.nbytes > file.id.get_filesize() + 8 * rows * values.shape[1] and values.compression is None:
-            raise ValueError(f"{values.name} promises {values.nbytes:.3g} bytes")
-        if not isinstance(values.attrs["units"], str):
-            raise TypeError(f"{values.name} has no units")

@@ -21,7 +21,7 @@ from thirdbody.errors import InputError
 from thirdbody.surfaces.surface import Surface
 from thirdbody.trajectory.names import BLOCKS, POSITION, PROFILE_GROUP, SUMMARY_TEXT
 from thirdbody.trajectory.open_file import FILE_NAME, OpenFile, damage_as_fault, read_text, refuse_false_texts, refuse_unsound
-from thirdbody.trajectory.plates import PLATES, map_units, read_maps, read_surfaces, refuse_other_plates
+from thirdbody.trajectory.plates import MAPS, PLATES, read_maps, read_surfaces, refuse_other_plates
 from thirdbody.trajectory.read_blocks import BlockReader, Named, RebuiltSpheres
 
 Result = TypeVar("Result")
@@ -278,7 +278,7 @@ class RunArrays:
     @cached_property
     def map_units(self) -> dict[str, str]:
         """Unit of each map of the plates, by name; none without `measures.cell`."""
-        return self._steady("the maps", lambda: map_units(self.file))
+        return self._steady("the maps", lambda: {n: str(v.attrs["units"]) for n, v in self.file.get(MAPS, {}).items()})
 
     def maps(self, plate: str, frame: int = -1) -> dict[str, np.ndarray]:
         """Return what measures have left on a plate since the start of the run.

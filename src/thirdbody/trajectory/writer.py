@@ -128,7 +128,7 @@ class TrajectoryWriter:
                 writer = cls(copy, header or old.header, static_arrays(old), (path, old.frames), old.surfaces, selection)
                 for number in range(frames):
                     between()
-                    writer.append(_stored_frame(old, number))
+                    writer.append(_frame_of(old, number))
                 writer.sync()  # the checkpoint on the disk refers to these frames
             with writer._write_errors():
                 os.replace(copy, path)
@@ -152,7 +152,11 @@ class TrajectoryWriter:
             if self.frames and set(values) != set(self._columns[group]):
                 raise ValueError(f"{group} {sorted(values)} differ from those of the first frame")
         nbytes = sum(array.nbytes for block in (*arrays.values(), frame.maps) for array in block.values())
-        self._require_space(nbytes)
+        # A half-written index is useless. The open file is asked for space: its folder may have been moved.
+        free = shutil.disk_usage(self._sink.fileno() if hasattr(os, "fstatvfs") else self.path.parent).free
+        if free < nbytes + nbytes // 2 + SPARE_BYTES:
+            self.close()
+            raise OutputError(f"{self._named}: the disk is full ({free // 1024} KiB left); {self._saved_frames()}")
         with self._write_errors():
             # New chunks hold four frames, or some rows of small ones; a hole costs nothing.
             self._sink.reserve(8 * nbytes + HOLE_BYTES)
@@ -163,7 +167,14 @@ class TrajectoryWriter:
                 for name, value in values.items():
                     self._append(group, name, np.asarray(value, np.float64))
             self._flush()
-            self._commit(frame.time)
+            for block in self._blocks.values():
+                block.count_frames(self.frames + 1)
+            self._flush()
+            for block in self._blocks.values():
+                block.add_time(frame.time)
+            self._file["series"].attrs.modify("NSteps", np.int64(self.frames + 1))
+            self._flush()
+            self.frames += 1
 
     def _append(self, group: str, name: str, values: np.ndarray) -> None:
         """Append the values of a frame to a series, a profile or a map."""
@@ -177,17 +188,6 @@ class TrajectoryWriter:
                 parent[name].attrs["rows"] = np.int64(len(rows))
         columns[name].extend(rows)
 
-    def _commit(self, time: float) -> None:
-        frames = self.frames + 1
-        for block in self._blocks.values():
-            block.count_frames(frames)
-        self._flush()
-        for block in self._blocks.values():
-            block.add_time(time)
-        self._file["series"].attrs.modify("NSteps", np.int64(frames))
-        self._flush()
-        self.frames = frames
-
     def _flush(self) -> None:
         # Each flush cuts the hole off again, and the counts and times may begin new chunks after the data did.
         self._sink.reserve(HOLE_BYTES)
@@ -195,16 +195,8 @@ class TrajectoryWriter:
             self._file.flush()
         self._sink.check()
 
-    def _require_space(self, nbytes: int) -> None:
-        """Refuse a frame that does not fit on the disk before anything is written: a half-written index is useless."""
-        # asked of the open file: its folder may have been moved
-        free = shutil.disk_usage(self._sink.fileno() if hasattr(os, "fstatvfs") else self.path.parent).free
-        if free < nbytes + nbytes // 2 + SPARE_BYTES:
-            self.close()
-            raise OutputError(f"{self._named}: the disk is full ({free // 1024} KiB left); {self._saved_frames()}")
-
     def _saved_frames(self) -> str:
-        frames = max(self._before, getattr(self, "frames", 0))
+        frames = max(self._before, self.frames)
         if not frames:
             return "no frame was written"
         return f"the {frames} frames written before are kept" if frames > 1 else "the frame written before is kept"
@@ -232,12 +224,9 @@ class TrajectoryWriter:
 
     def close(self) -> None:
         """Close the file; may be called twice. Errors are ignored: every frame was flushed already."""
-        for file in (getattr(self, "_file", None), getattr(self, "_sink", None)):
-            if file is not None:
-                try:
-                    file.close()
-                except (OSError, RuntimeError):
-                    pass
+        for name in ("_file", "_sink"):  # which a constructor that failed may lack
+            with suppress(OSError, RuntimeError, AttributeError):
+                getattr(self, name).close()
 
     def __enter__(self) -> TrajectoryWriter:
         return self
@@ -247,7 +236,7 @@ class TrajectoryWriter:
 
 
 def _write_text(group: h5py.Group, name: str, value: Any) -> None:
-    """Store a text as it is, anything else as JSON, in a data set (attributes are limited to 64 KiB)."""
+    # in a data set: attributes are limited to 64 KiB
     text = value if isinstance(value, str) else json.dumps(value, default=lambda other: np.asarray(other).tolist())
     data = text.encode("utf-8")
     if name in group:
@@ -263,15 +252,13 @@ def static_arrays(run: RunArrays) -> dict[str, dict[str, np.ndarray]]:
     return {block: {name: data[block][name][()] for name in names[block]} for block in names}
 
 
-def _stored_frame(run: RunArrays, number: int) -> Frame:
-    """Return a frame as the file holds it."""
+def _frame_of(run: RunArrays, number: int) -> Frame:
     blocks = {}
     for name in BLOCKS:
         arrays = run.steady(partial(run.stored[name].read, number, run.header[STATIC_TEXT].get(name, ())))
         blocks[name] = {("points" if k == POSITION else k): v for k, v in arrays.items()}
     series = {name: values[number] for name, values in run.series.items()}
-    profiles = {name: values[number] for name, values in run.profiles.items()}
-    profiles = {name: values.reshape(len(values), 9) if values.ndim == 3 else values for name, values in profiles.items()}
+    profiles = {name: v[number].reshape(v.shape[1], 9) if v.ndim == 4 else v[number] for name, v in run.profiles.items()}
     with damage_as_fault(run.path, "the maps"):
         maps = run.steady(lambda: read_maps(run.file, number))
     return Frame(time=float(run.times[number]), series=series, profiles=profiles, maps=maps, **blocks)
