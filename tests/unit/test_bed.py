@@ -39,7 +39,7 @@ from thirdbody.trajectory.bed import (
     short_accommodation_text,
     softness_verdict,
 )
-from thirdbody.trajectory.bed_measures import BedMeasures, Interval
+from thirdbody.trajectory.bed_measures import BedMeasures
 from thirdbody.trajectory.drag import Drag
 from thirdbody.trajectory.frame import FrameMaker
 from thirdbody.trajectory.names import ACCOMMODATION, BED
@@ -67,7 +67,7 @@ def crystal(layers: int, side: int = 4, radius: float = R):
 
 def measured(state, gap, velocities=None, elastic=0.0):
     velocities = state.bodies.velocity if velocities is None else velocities
-    return BedMeasures(state, MODULUS).series(Interval(PRESSURE, velocities, gap), elastic)
+    return BedMeasures(state, MODULUS).series(PRESSURE, velocities, gap, elastic)
 
 
 def test_the_solid_fraction_of_a_crystal():
@@ -159,7 +159,7 @@ def test_a_column_of_balls_at_rest_has_the_measures_of_statics(column, tmp_path)
     state = SimpleNamespace(world=SimpleNamespace(size=(2.0, 5.0)), bodies=SimpleNamespace(velocity=0.0))
     maker = SimpleNamespace(state=state, interval_means={"velocity": 4.0}, _gap=lambda: 7.0)
     lines = {"elastic_normal": 1.0, "elastic_tangential": 2.0}
-    assert FrameMaker._bed_series(maker, SimpleNamespace(series=lambda *all: all), 30.0, lines) == (Interval(3.0, 4.0, 7.0), 3.0)
+    assert FrameMaker._bed_series(maker, SimpleNamespace(series=lambda *all: all), 30.0, lines) == (3.0, 4.0, 7.0, 3.0)
     assert series["softness"] == pytest.approx((e_star * SIDE**2 / LOAD) ** (2.0 / 3.0), rel=1e-3)
     assert series["coordination_number"] == 2.0  # three contacts of two balls, two of one
     assert series["unbalanced_force"] < 1e-3 and series["kinetic_energy_ratio"] < 1e-6

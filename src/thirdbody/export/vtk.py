@@ -17,8 +17,7 @@ import numpy as np
 
 from thirdbody.atomic_files import new_folder
 from thirdbody.export.paraview import SCRIPT_NAME, write_script
-from thirdbody.trajectory.names import ARRAY_UNITS, BLOCKS, POSITION
-from thirdbody.trajectory.plates import PLATES
+from thirdbody.trajectory.names import ARRAY_UNITS, BLOCKS, PLATES, POSITION
 from thirdbody.trajectory.run_arrays import RunArrays
 
 if TYPE_CHECKING:
@@ -116,10 +115,11 @@ def multiblock(run: RunArrays, frame: int) -> pyvista.MultiBlock:
     number, units, blocks = run.frame_number(frame), ARRAY_UNITS | {POSITION: "m"}, pyvista.MultiBlock()
     for name in BLOCKS:
         arrays = run.block(name, number)
-        blocks[name] = pyvista.wrap(_polydata(arrays, name))
+        block: Any = pyvista.wrap(_polydata(arrays, name))
         for key in arrays:
             unit = units.get(key) or run.header["units"].get(key, "1")
-            blocks[name].field_data[f"{key}_units"] = [unit.replace("·", " ")]  # VTK accepts ASCII only
+            block.field_data[f"{key}_units"] = [unit.replace("·", " ")]  # VTK accepts ASCII only
+        blocks[name] = block
     for side, surface in run.surfaces.items():  # over the domain and one point beyond
         position, heights = run.surface_position(side, number), np.pad(surface.heights, (0, 1), mode="wrap")
         x, y = (start + step * np.arange(n) for start, step, n in zip(position, surface.spacing, heights.T.shape, strict=False))
@@ -128,9 +128,10 @@ def multiblock(run: RunArrays, frame: int) -> pyvista.MultiBlock:
         grid.field_data["height_units"] = ["m"]
         blocks[f"{side}_surface"] = grid
     for name in BLOCKS_OF_MAPS if run.map_units else ():
-        blocks[name] = pyvista.wrap(_image(run, name, number))
+        image: Any = pyvista.wrap(_image(run, name, number))
         for key, unit in run.map_units.items():
-            blocks[name].field_data[f"{key}_units"] = [unit]
+            image.field_data[f"{key}_units"] = [unit]
+        blocks[name] = image
     blocks.field_data["time"] = np.array([run.times[number]])
     blocks.field_data["time_units"] = ["s"]
     blocks.field_data["frame"] = np.array([number])

@@ -185,7 +185,6 @@ class Block:
             offsets.add(data.extend(array, chunk))
 
     def _columns_of(self, name: str, array: np.ndarray) -> tuple[Column, Column]:
-        """Return the data set of an array that varies, and that of the rows at which its frames begin."""
         if name == "points":
             return self._points, self._step["PointOffsets"]
         if name not in self._varying:

@@ -17,7 +17,7 @@ from thirdbody.engine.state import State, orientations
 from thirdbody.kernels.tables import DEBRIS, body, body_extra, patch, record, run_totals, sphere
 from thirdbody.laws.contract import Labeller
 from thirdbody.trajectory.accommodation import accommodation, has_accommodation, parts_of
-from thirdbody.trajectory.bed_measures import BedMeasures, Interval
+from thirdbody.trajectory.bed_measures import BedMeasures
 from thirdbody.trajectory.blocks import Storage
 from thirdbody.trajectory.contacts import FrameContacts
 from thirdbody.trajectory.names import Frame
@@ -74,7 +74,6 @@ class FrameMaker:
         return {"spheres": spheres, "clumps": clumps}
 
     def _bodies_of_spheres(self) -> np.ndarray:
-        """Return the body of each sphere that is written, as it is numbered in the file."""
         number = self.state.order[self.state.body[self.spheres]]
         return number if self.sample is None else self.sample.row[number]
 
@@ -147,7 +146,7 @@ class FrameMaker:
         names = ("state", "state_reason", *(f"margin_{name}" for name in self.labeller.margins), *self.labeller.extras)
         codes = {"state", "state_reason", *self.labeller.codes}
         for k, name in enumerate(names):
-            kind = np.uint8 if name in codes else np.float64
+            kind: Any = np.uint8 if name in codes else np.float64
             arrays[name] = lambda k=k, kind=kind: labels[given, k].astype(kind)
         return arrays
 
@@ -244,8 +243,8 @@ class FrameMaker:
     def _bed_series(self, bed: BedMeasures, force: float, lines: dict[str, float]) -> dict[str, float]:
         # `force`: mean normal force on a plate over the output interval [N]
         l_x, l_y = self.state.world.size
-        interval = Interval(force / (l_x * l_y), self.interval_means.get("velocity", self.state.bodies.velocity), self._gap())
-        return bed.series(interval, lines["elastic_normal"] + lines["elastic_tangential"])
+        velocities, elastic = self.interval_means.get("velocity", self.state.bodies.velocity), lines["elastic_normal"]
+        return bed.series(force / (l_x * l_y), velocities, self._gap(), elastic + lines["elastic_tangential"])
 
 
 def impulses_of(state: State) -> np.ndarray:

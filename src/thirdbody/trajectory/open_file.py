@@ -17,8 +17,7 @@ import h5py
 import numpy as np
 
 from thirdbody.errors import InputError
-from thirdbody.trajectory.names import BLOCKS, PROFILE_GROUP, STATIC_TEXT
-from thirdbody.trajectory.plates import MAPS, PLATES, SURFACES
+from thirdbody.trajectory.names import BLOCKS, MAPS, PLATES, PROFILE_GROUP, STATIC_TEXT, SURFACES
 
 FILE_NAME = "run.vtkhdf"
 TRIES, PAUSE = 10, 0.05
@@ -206,7 +205,7 @@ def _refuse_header(header: Mapping[str, Any]) -> None:
     for begin, until, period in header.get("closed_paths", ()):
         if not (0.0 <= begin < until and 0.0 < period < np.inf):
             raise ValueError(f"/scene/closed_paths: {begin}, {until}, {period}")
-    size = header.get("domain", {}).get("size", [1.0, 1.0])
+    size = (header.get("domain") or {"size": [1.0, 1.0]})["size"]
     if len(size) != 2 or not all(isinstance(x, int | float) and 0.0 < x < np.inf for x in size):
         raise ValueError(f"/scene/domain: size {str(size)[:60]}")
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from thirdbody.trajectory.names import POSITION, SIDES
+from thirdbody.trajectory.names import SIDES
 from thirdbody.trajectory.open_file import damage_as_fault
 from thirdbody.trajectory.run_arrays import RunArrays
 from thirdbody.units import GLUE, percent, quantity_text
@@ -69,7 +69,6 @@ def states_by_group(run: RunArrays, frame: int = -1) -> dict[str, list[dict[str,
 
 
 def _load_fractions(run: RunArrays, frame: int, count: int) -> np.ndarray | None:
-    """Return the fraction of the normal force on the upper plate (without one: lower) per body (B,); None without contacts."""
     contacts = run.block("contacts", frame)
     if not {"side", "body", "normal_force"} <= set(contacts):
         return None
@@ -101,26 +100,3 @@ def state_counts(run: RunArrays) -> dict[str, np.ndarray]:
     if run.rows("clumps", 0) == run.scene_bodies:
         return {name: np.count_nonzero(run.states == code, axis=1) for code, name in enumerate(run.state_names)}
     return {name: np.rint(run.series[f"fraction_{name}"] * run.scene_bodies).astype(np.int64) for name in run.state_names}
-
-
-def state_transitions(run: RunArrays) -> dict[str, np.ndarray]:
-    """Return one row per change between frames, ordered by frame, then by body; values of the frame that shows the new state.
-
-    Frames record states, not events: a body that changed twice between two frames shows one change, or none.
-
-    `frame` (T,), `time` (T,) [s], `distance` (T,) [m] slid by the plates (only if the run has that series), `body` (T,), `from`
-    and `to` (T,) state codes, `reason` (T,) code of the reason for the new state, `position` (T, 3) [m]. Raises AttributeError
-    when the run recorded no states.
-    """
-    states, reasons = run.states, run.reasons
-    frame, body = np.nonzero(states[1:] != states[:-1])
-    frame += 1
-    table = {"frame": frame, "time": run.times[frame]}
-    if "distance" in run.series:
-        table["distance"] = run.series["distance"][frame]
-    table |= {"body": body, "from": states[frame - 1, body], "to": states[frame, body], "reason": reasons[frame, body]}
-    positions = np.empty((len(frame), 3))
-    for number in np.unique(frame):  # only the frames that show a change are read
-        rows = frame == number
-        positions[rows] = run.array("clumps", POSITION, int(number))[body[rows]]
-    return table | {POSITION: positions}

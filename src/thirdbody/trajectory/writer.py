@@ -40,9 +40,9 @@ from thirdbody.errors import InputError, OutputError
 from thirdbody.surfaces.surface import Surface
 from thirdbody.trajectory.blocks import PAGE, VERSION, Block, Column, Sink, growing
 from thirdbody.trajectory.frame import EVERYTHING, Selection
-from thirdbody.trajectory.names import BLOCKS, POSITION, PROFILE_GROUP, REQUIRED_TEXTS, STATIC_TEXT, SUMMARY_TEXT, Arrays, Frame
+from thirdbody.trajectory.names import BLOCKS, MAPS, POSITION, PROFILE_GROUP, STATIC_TEXT, SUMMARY_TEXT, SURFACES, Arrays, Frame
 from thirdbody.trajectory.open_file import damage_as_fault
-from thirdbody.trajectory.plates import MAPS, read_maps, write_surfaces
+from thirdbody.trajectory.read_blocks import read_maps
 from thirdbody.trajectory.run_arrays import RunArrays
 
 # The lowest format that has the indices of growing data sets; `latest` leaves an open flag when a run is killed, and such a file
@@ -71,7 +71,7 @@ class TrajectoryWriter:
         self, path: str | Path, header: Mapping[str, Any], static: Mapping[str, Arrays], copy_of: tuple[Path, int] | None = None,
         surfaces: Mapping[str, Surface] = MappingProxyType({}), selection: Selection = EVERYTHING,
     ):  # fmt: skip
-        missing = [name for name in REQUIRED_TEXTS if name not in header]
+        missing = [name for name in ("scene_text", "state_names", "reason_names", "units") if name not in header]
         if missing:
             raise ValueError(f"header lacks {', '.join(missing)}")
         self.path = Path(path)
@@ -102,7 +102,11 @@ class TrajectoryWriter:
                 self._blocks[name].write_static(arrays)
             for name, value in header.items():
                 _write_text(self._scene, name, value)
-            write_surfaces(self._file, surfaces)
+            for side, surface in surfaces.items():
+                heights = self._file.require_group(SURFACES).create_dataset(side, data=np.asarray(surface.heights, np.float64))
+                more = {"size": np.array(surface.size), "copies": np.array(surface.copies, np.int64), "units": "m"}
+                more |= {"shortest": surface.shortest, "curvature": np.uint8(surface.curvature)}
+                heights.attrs.update(more)
             _write_text(self._scene, STATIC_TEXT, {name: list(arrays) for name, arrays in static.items()})
             series.attrs["NSteps"] = np.int64(0)
             self._flush()
@@ -177,7 +181,6 @@ class TrajectoryWriter:
             self.frames += 1
 
     def _append(self, group: str, name: str, values: np.ndarray) -> None:
-        """Append the values of a frame to a series, a profile or a map."""
         rows = values[None] if group == "series" else values.reshape(-1, values.shape[-1]) if group == MAPS else values
         columns = self._columns[group]
         if name not in columns:
