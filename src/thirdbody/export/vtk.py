@@ -123,7 +123,8 @@ def multiblock(run: RunArrays, frame: int) -> pyvista.MultiBlock:
     for side, surface in run.surfaces.items():  # over the domain and one point beyond
         position, heights = run.surface_position(side, number), np.pad(surface.heights, (0, 1), mode="wrap")
         x, y = (start + step * np.arange(n) for start, step, n in zip(position, surface.spacing, heights.T.shape, strict=False))
-        grid = pyvista.StructuredGrid(*np.meshgrid(x, y), position[2] + (heights if side == "lower" else -heights))
+        across, along = np.meshgrid(x, y)
+        grid = pyvista.StructuredGrid(across, along, position[2] + (heights if side == "lower" else -heights))
         grid.point_data["height"] = heights.T.ravel()
         grid.field_data["height_units"] = ["m"]
         blocks[f"{side}_surface"] = grid

@@ -147,7 +147,7 @@ class FrameMaker:
         codes = {"state", "state_reason", *self.labeller.codes}
         for k, name in enumerate(names):
             kind: Any = np.uint8 if name in codes else np.float64
-            arrays[name] = lambda k=k, kind=kind: labels[given, k].astype(kind)
+            arrays[name] = partial(lambda column, kind: labels[given, column].astype(kind), k, kind)
         return arrays
 
     def _agglomerates(self) -> np.ndarray:
