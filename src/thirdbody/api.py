@@ -181,7 +181,7 @@ class Run(RunFile):
         >>> balls = blocks["spheres"].glyph(scale="radius", geom=pyvista.Sphere(radius=1.0), orient=False)
         >>> arrows = blocks["contacts"].glyph(scale="force", orient="force", factor=0.1, geom=pyvista.Arrow())
         """
-        from thirdbody.trajectory.data_sets import multiblock
+        from thirdbody.export.vtk import multiblock
 
         return multiblock(self, frame)
 

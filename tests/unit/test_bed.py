@@ -39,7 +39,7 @@ from thirdbody.trajectory.bed import (
     short_accommodation_text,
     softness_verdict,
 )
-from thirdbody.trajectory.bed_measures import BedMeasures, Interval
+from thirdbody.trajectory.bed_measures import BedMeasures
 from thirdbody.trajectory.drag import Drag
 from thirdbody.trajectory.names import ACCOMMODATION, BED
 
@@ -66,7 +66,7 @@ def crystal(layers: int, side: int = 4, radius: float = R):
 
 def measured(state, gap, velocities=None, elastic=0.0):
     velocities = state.bodies.velocity if velocities is None else velocities
-    return BedMeasures(state, MODULUS).series(Interval(PRESSURE, velocities, gap), elastic)
+    return BedMeasures(state, MODULUS).series(PRESSURE, velocities, gap, elastic)
 
 
 def test_the_solid_fraction_of_a_crystal():

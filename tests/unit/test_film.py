@@ -79,12 +79,12 @@ def test_an_mp4_and_a_gif_keep_count_order_size_and_rate():
 def test_one_plan_holds_what_all_frames_need(layer):
     with open_run(layer) as run:
         shots = [read_picture_data(run, number, "state") for number in range(run.frames)]
-        layout = compute_layout(iter(shots), (320, 240), "iso", None)
+        layout = compute_layout(iter(shots), "iso", None)
         speeds = [read_picture_data(run, number, "speed").legend for number in range(2)]
     assert np.all([np.all(layout.low <= picture.low) and np.all(layout.high >= picture.high) for picture in shots])
     assert np.allclose(layout.directions, [[1.0, 0.0]])
     # zoom keeps the middle of the domain
-    half = compute_layout(iter(shots), (320, 240), "iso", 0.5)
+    half = compute_layout(iter(shots), "iso", 0.5)
     np.testing.assert_allclose([half.low[:2], half.high[:2]], np.outer([0.25, 0.75], layout.high[:2]), rtol=1e-9)
     both = speeds[0] | speeds[1]
     assert both.limits == (min(s.limits[0] for s in speeds), max(s.limits[1] for s in speeds))

@@ -187,7 +187,7 @@ def test_no_mean_is_drawn_over_a_drifting_curve(tmp_path):
     mu[0] = np.nan
     with open_run(write(tmp_path / "run", u=u, mu=mu)) as run:
         axes = panels(page(run, ["friction"]))["friction"]
-        counted = RunData(run).averaged
+        counted = run.drag.averaged
     assert not [entry for entry in axes.get_lines() if str(entry.get_label()).startswith("mean")]
     trend = line(axes, "trend (second half):\nnot stationary")
     assert trend.get_ydata()[1] > trend.get_ydata()[0] + 0.04  # of 0.1 over the whole drag

@@ -11,18 +11,7 @@ from typing import Any
 from thirdbody.atomic_files import new_folder, refuse_existing_folder
 from thirdbody.errors import InputError, UsageError, printable
 from thirdbody.export.vtk import PVD_PATTERNS, export_pvd
-from thirdbody.trajectory.columns import (  # fmt: skip
-    BY_FRAME,
-    CONTACTS,
-    CYCLES,
-    MAP_STATISTICS,
-    PROFILES,
-    TABLES,
-    TRANSITIONS,
-    Column,
-    table,
-    tables_by_frame,
-)
+from thirdbody.trajectory.columns import BY_FRAME, TABLES, Column, table, tables_by_frame, tables_of
 from thirdbody.trajectory.run_file import RunFile
 
 CSV_FILES = tuple(f"{name}.csv" for name in TABLES)
@@ -40,19 +29,15 @@ def export_csv(run: RunFile, folder: Path, frame: int | None = None, overwrite: 
     run.frame_number(-1 if frame is None else frame)
     written = []
     with new_folder(folder, overwrite, CSV_FILES) as part:
-        for name, file in zip(TABLES, CSV_FILES, strict=True):
-            missing = {TRANSITIONS: not run.has_states, CYCLES: not run.drag.stroke, PROFILES: not run.profiles}
-            missing |= {CONTACTS: not run.has_contacts, MAP_STATISTICS: not run.map_units}
-            if missing.get(name):
-                continue
+        for name in tables_of(run):
             parts = tables_by_frame(run, name, frame) if name in BY_FRAME else [table(run, name)]
-            with open(part / file, "w", encoding="utf-8", newline="") as text:
+            with open(part / f"{name}.csv", "w", encoding="utf-8", newline="") as text:
                 writer = csv.writer(text, lineterminator="\n")
                 for number, columns in enumerate(parts):
                     if not number:
                         writer.writerow([heading(column) for column in columns])
                     writer.writerows(zip(*map(_cells, columns), strict=True))
-            written.append(folder / file)
+            written.append(folder / f"{name}.csv")
     return written
 
 

@@ -87,8 +87,7 @@ def _accommodation_title(data: RunData) -> str:
 
 
 def _draw_accommodation(axes: Axes, data: RunData) -> None:
-    """Draw the parts stacked upon each other, each over its output interval; parts against the drag downwards."""
-    x, _ = scale_values(data.axis[0], data.axis[1])
+    x = data.x
     parts = {name: np.nan_to_num(data.interval_means(f"accommodation_{name}")) for name in WORDS}
     speed = np.sum(list(parts.values()), axis=0)
     factor, speed_unit = unit_for(speed, "m/s")
@@ -127,10 +126,9 @@ def _bed_title(data: RunData) -> str:
 
 
 def _draw_bed(axes: Axes, data: RunData) -> None:
-    x, _ = scale_values(data.axis[0], data.axis[1])
     for name, (label, color, style) in MEASURES.items():
         values = data.interval_means(name)
-        axes.plot(x, np.where(values > 0.0, values, np.nan), color=color, linestyle=style, linewidth=1.4, label=label)
+        axes.plot(data.x, np.where(values > 0.0, values, np.nan), color=color, linestyle=style, linewidth=1.4, label=label)
     axes.axhline(SLOW, color=LINES["grey"], linestyle=":", linewidth=1.0)
     axes.set_yscale("log")
     label_axis(axes, data, "ratio")

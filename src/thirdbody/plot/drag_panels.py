@@ -1,6 +1,7 @@
 """Panels over the drag: friction, states, gap, load, energy; and the loop of a stroke."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,17 +18,9 @@ WINDOW_FRACTION = 0.1  # fraction of the run covered by one running mean
 MU = "friction coefficient"
 
 
-def _no_friction(data: RunData) -> str:
-    if data.stroke:
-        return "the plate goes back and forth: the panel loop shows its friction"
-    return _why_unloaded(data)
-
-
-def _no_loop(data: RunData) -> str:
-    return _why_unloaded(data) if data.stroke else "the plate never turns back"
-
-
-def _why_unloaded(data: RunData) -> str:
+def _no_friction(data: RunData, loop: bool = False) -> str:
+    if data.stroke != loop:
+        return "the plate never turns back" if loop else "the plate goes back and forth: the panel loop shows its friction"
     if not data.dragged:
         return "no drag"
     return "" if np.isfinite(data.name("friction_coefficient")[1:]).any() else "never loaded"
@@ -37,12 +30,12 @@ def _friction_title(data: RunData) -> str:
     result = data.run.friction
     if not np.isfinite(result.value):
         return "Friction coefficient"
-    drifts = f", {result.short_verdict}" if result.stationary is False else ""
+    drifts = f", {result.verdict}" if result.stationary is False else ""
     return f"Friction coefficient: {result.short_text}{drifts}"
 
 
 def _draw_friction(axes: Axes, data: RunData) -> None:
-    x, _ = scale_values(data.axis[0], data.axis[1])
+    x = data.x
     mu = data.interval_means("friction_coefficient")
     marker = "." if len(x) < 80 else ""
     axes.plot(x, mu, color=LINES["sky"], linewidth=0.8, markersize=4.0, label="each interval", marker=marker)
@@ -53,19 +46,16 @@ def _draw_friction(axes: Axes, data: RunData) -> None:
         axes.plot(x, mean, color=LINES["blue"], linewidth=1.8, label=f"running mean\n(over {window})")
     _draw_mean(axes, data, x)
     _draw_pairs(axes, data)
-    label: str | None = "unloaded"
-    for first, last in stretches(~np.isfinite(mu[1:])):
-        axes.axvspan(x[first], x[last + 1], color="#DDDFE3", linewidth=0.0, zorder=0, label=label)
-        label = None
+    for k, (first, last) in enumerate(stretches(~np.isfinite(mu[1:]))):
+        axes.axvspan(x[first], x[last + 1], color="#DDDFE3", linewidth=0.0, zorder=0, label=None if k else "unloaded")
     label_axis(axes, data, MU)
     low, high = axes.get_ylim()
     axes.set_ylim(min(low, 0.0), max(high, 0.0) * (1.05 if data.pair_friction else 1.0))
 
 
 def _draw_mean(axes: Axes, data: RunData, x: np.ndarray) -> None:
-    """Draw the mean with its error over its intervals; where they drift, the linear fit instead."""
     result = data.run.friction
-    members = np.flatnonzero(data.averaged[data.start :])
+    members = np.flatnonzero(data.drag.averaged[data.start :])
     if not len(members):
         return
     ends = x[max(members[0] - 1, 0)], x[members[-1]]
@@ -83,12 +73,10 @@ def _draw_mean(axes: Axes, data: RunData, x: np.ndarray) -> None:
 
 
 def _draw_pairs(axes: Axes, data: RunData, signs: tuple[float, ...] = (1.0,)) -> None:
-    """Draw the coefficients that the scene gives: the friction of gross sliding."""
-    label: str | None = "if all slid (coefficient\nof the pair)"
-    for value in data.pair_friction if len(data.pair_friction) <= 3 else []:
-        for sign in signs:
-            axes.axhline(sign * value, color=LINES["grey"], linewidth=0.9, linestyle=":", label=label)
-            label = None
+    values = [sign * value for value in data.pair_friction for sign in signs] if len(data.pair_friction) <= 3 else []
+    for k, value in enumerate(values):
+        label = None if k else "if all slid (coefficient\nof the pair)"
+        axes.axhline(value, color=LINES["grey"], linewidth=0.9, linestyle=":", label=label)
 
 
 def stretches(flags: np.ndarray) -> list[tuple[int, int]]:
@@ -159,7 +147,7 @@ def _states_title(data: RunData) -> str:
 
 
 def _draw_states(axes: Axes, data: RunData) -> None:
-    x, _ = scale_values(data.axis[0], data.axis[1])
+    x = data.x
     portions = {name: values[data.start :] for name, values in data.fractions.items()}
     if len(x) == 1:  # one frame: a bar
         x, portions = np.array([0.0, 1.0]), {name: np.repeat(values, 2) for name, values in portions.items()}
@@ -187,15 +175,12 @@ def _needs(condition: Callable[[RunData], Any], otherwise: str) -> Callable[[Run
 
 def _gap_title(data: RunData) -> str:
     gap = data.name("gap")
-    change = gap[-1] - gap[0]
-    if not _changes(gap):
-        return f"Gap between the plates: {quantity_text(gap[-1], 'm')}, unchanged"
-    word = "opened" if change > 0.0 else "closed"
-    return f"Gap between the plates: {quantity_text(gap[-1], 'm')} at the end, {word} by {quantity_text(abs(change), 'm', 2)}"
+    now, change = quantity_text(gap[-1], "m"), gap[-1] - gap[0]
+    by = f" at the end, {'opened' if change > 0.0 else 'closed'} by {quantity_text(abs(change), 'm', 2)}"
+    return f"Gap between the plates: {now}{by if _changes(gap) else ', unchanged'}"
 
 
 def _load(data: RunData) -> np.ndarray:
-    """Return the normal force on the upper plate (without one: lower) from the start of the drag [N], interval means."""
     side, sign = ("upper_force", 1.0) if np.isfinite(data.name("gap")).any() else ("lower_force", -1.0)
     if side not in data.series:
         return np.full(data.frames - data.start, np.nan)
@@ -213,21 +198,20 @@ def _debris_load_title(data: RunData) -> str:
 
 
 def _draw_debris_load(axes: Axes, data: RunData) -> None:
-    x, _ = scale_values(data.axis[0], data.axis[1])
-    axes.plot(x, 100.0 * data.interval_means("load_share_debris"), color=LINES["black"], linewidth=1.4, label="load on debris")
-    axes.plot(x, 100.0 * data.name("active"), color=LINES["blue"], linestyle="--", linewidth=1.4, label="active bodies")
+    portion = 100.0 * data.interval_means("load_share_debris")
+    axes.plot(data.x, portion, color=LINES["black"], linewidth=1.4, label="load on debris")
+    axes.plot(data.x, 100.0 * data.name("active"), color=LINES["blue"], linestyle="--", linewidth=1.4, label="active bodies")
     axes.set_ylim(0.0, 105.0)
     label_axis(axes, data, "share (%)")
 
 
 def _draw_line(axes: Axes, data: RunData, values: np.ndarray, unit: str, name: str, whole: bool = False) -> None:
     """Draw values down to zero (`whole`), or where they change little their change since the start of the drag."""
-    x, _ = scale_values(data.axis[0], data.axis[1])
     whole = whole or not _changes(values)
     if not whole and np.nanmax(np.abs(values - values[0])) < SMALL * abs(values[0]):
         values, name = values - values[0], f"change of {name}"
     values, unit = scale_values(values, unit)
-    axes.plot(x, values, color=LINES["black"], linewidth=1.4)
+    axes.plot(data.x, values, color=LINES["black"], linewidth=1.4)
     axes.ticklabel_format(axis="y", useOffset=False)
     label_axis(axes, data, f"{name} ({unit})")
     if whole:
@@ -286,14 +270,13 @@ def _energy_title(data: RunData) -> str:
 
 def _draw_energy(axes: Axes, data: RunData) -> None:
     lines = ledger(data)
-    x, _ = scale_values(data.axis[0], data.axis[1])
     factor, unit = unit_for(np.concatenate(list(lines.values())), "J")
     for _, label, color, style in LEDGER:
         if label in lines:
             values = lines[label]
             end = values[-1] if abs(values[-1]) > ROUNDING * 1000.0 * factor else 0.0
             words = f"{label}: {quantity_text(end, 'J')}"
-            axes.plot(x, values / factor, color=color, linestyle=style, linewidth=1.4, label=words)
+            axes.plot(data.x, values / factor, color=color, linestyle=style, linewidth=1.4, label=words)
     label_axis(axes, data, f"energy ({unit})")
 
 
@@ -301,7 +284,7 @@ PANELS = (
     Panel("friction", _no_friction, _friction_title, _draw_friction, 2.1,
           note="Friction coefficient: force of the debris on the upper plate against its motion, over the normal force; means "
                "over the output intervals. Its error counts that neighbouring intervals are correlated (autocorrelation time)."),
-    Panel("loop", _no_loop, _loop_title, _draw_loop, 2.3,
+    Panel("loop", partial(_no_friction, loop=True), _loop_title, _draw_loop, 2.3,
           note="Friction loop: the friction coefficient, signed by the first direction of motion, over the displacement of the"
                " upper plate; the area times the load is the work of one cycle. On a path along both axes each has a loop, and"
                " their areas add up."),

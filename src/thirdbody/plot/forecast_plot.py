@@ -200,7 +200,6 @@ def _mark_disagreements(axes: Axes, forecasts: Forecasts, points: np.ndarray, po
 
 
 def _farthest(forecasts: Forecasts, wrong: np.ndarray, positions: np.ndarray) -> np.ndarray:
-    """Return the wrong ones farthest from the band on each side; those whose numbers would overlap are omitted."""
     distance = np.where(forecasts.never, np.inf, np.abs(forecasts.margin))
     chosen: list[int] = []
     for slides in (False, True):

@@ -10,7 +10,8 @@ from matplotlib.axes import Axes
 
 from thirdbody.palette import state_colors
 from thirdbody.trajectory.run_file import RunFile
-from thirdbody.units import percent, unit_for
+from thirdbody.trajectory.states import fractions_text
+from thirdbody.units import unit_for
 
 BETWEEN = "between two bodies"
 # Ticks of an axis from 0 to 100 %.
@@ -48,15 +49,15 @@ class RunData:
         times = self.run.times[self.start :]
         return times - times[0], "s", "time of the drag" if self.dragged else "time"
 
+    @cached_property
+    def x(self) -> np.ndarray:
+        """Abscissa in the unit of its label (`label_axis`)."""
+        return self.axis[0] / unit_for(self.axis[0], self.axis[1])[0]
+
     @property
     def extended(self) -> bool:
         """Whether there is something to draw over the abscissa."""
         return len(self.axis[0]) > 1 and bool(self.axis[0][-1] > self.axis[0][0])
-
-    @cached_property
-    def averaged(self) -> np.ndarray:
-        """Frames (F,), bool, that enter the mean friction coefficient of one-way sliding."""
-        return self.run.drag.averaged
 
     @cached_property
     def fractions(self) -> dict[str, np.ndarray]:
@@ -70,9 +71,7 @@ class RunData:
         portions = {name: float(values[-1]) for name, values in self.fractions.items() if values[-1] > 0.0}
         if len(portions) == 1:
             return f"{'' if self.summary.get('bodies') == 1 else 'all '}{next(iter(portions))}"
-        return ", ".join(
-            f"{percent(fraction)} {name}" for name, fraction in sorted(portions.items(), key=lambda entry: -entry[1])
-        )
+        return fractions_text(portions, len(portions))
 
     @cached_property
     def scene(self) -> dict[str, Any]:

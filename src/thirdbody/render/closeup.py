@@ -34,11 +34,10 @@ _ENTRIES = (
 class CloseUpLayout:
     """Properties common to all pictures of a film.
 
-    Size [pixels], view, corners (3,) [m] of the visible volume, relative to the particle or (`fixed`) to the domain, `directions`
+    View, corners (3,) [m] of the visible volume, relative to the particle or (`fixed`) to the domain, `directions`
     (k, 2) of the drag, the force of the longest arrow [N], the particle's size [m].
     """
 
-    size: tuple[int, int]
     view: str
     low: np.ndarray
     high: np.ndarray
@@ -48,7 +47,7 @@ class CloseUpLayout:
     extent: float
 
 
-def compute_close_up_layout(frames: Iterable[CloseUpData], size: tuple[int, int], view: str, fixed: bool) -> CloseUpLayout:
+def compute_close_up_layout(frames: Iterable[CloseUpData], view: str, fixed: bool) -> CloseUpLayout:
     """Return the layout for one close-up, or for those of a film, which are processed one at a time."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     full_scale = extent = 0.0
@@ -64,7 +63,7 @@ def compute_close_up_layout(frames: Iterable[CloseUpData], size: tuple[int, int]
         low = np.minimum(low, [*(center[:2] - half), heights[0]])
         high = np.maximum(high, [*(center[:2] + half), heights[1]])
         full_scale = max(full_scale, float(np.linalg.norm(one.spots.force, axis=1).max(initial=0.0)))
-    return CloseUpLayout(size, view, low, high, fixed, np.array(directions).reshape(-1, 2), full_scale, extent)
+    return CloseUpLayout(view, low, high, fixed, np.array(directions).reshape(-1, 2), full_scale, extent)
 
 
 def _plate_height(one: CloseUpData) -> float:
@@ -77,7 +76,7 @@ def _plate_height(one: CloseUpData) -> float:
 
 def draw_close_up(canvas: Canvas, layout: CloseUpLayout, one: CloseUpData) -> None:
     """Draw the picture of one particle."""
-    size, overlay = layout.size, Overlay(canvas)
+    size, overlay = canvas.size, Overlay(canvas)
     legend = replace(one.picture.legend, entries=_ENTRIES, total=0)  # keeps a colour scale of numbers
     foot, head = draw_legend(overlay, legend) / size[1], 1.0 - overlay.px(HEADING) / size[1]
     shift = np.zeros(3) if layout.fixed else np.array([*one.center[:2], 0.0])
@@ -93,12 +92,11 @@ def draw_close_up(canvas: Canvas, layout: CloseUpLayout, one: CloseUpData) -> No
     write_title(overlay, one.picture.title, one.picture.facts)
 
 
-def _color(utilisation: float) -> str:
-    return STATE_COLORS["sliding" if utilisation >= _SLIPPING else "sticking"]
+def _color(one: CloseUpData, k: int) -> str:
+    return STATE_COLORS["sliding" if one.spots.utilisation[k] >= _SLIPPING else "sticking"]
 
 
 def _draw_spots(view: Viewport, one: CloseUpData, layout: CloseUpLayout) -> None:
-    """Draw discs, cones and arrows, seen through the particle."""
     spots = one.spots
     # Cones must not reach into the opposite plate.
     longest = min(_LONGEST * layout.extent, 0.8 * float(layout.high[2] - layout.low[2]))
@@ -106,7 +104,7 @@ def _draw_spots(view: Viewport, one: CloseUpData, layout: CloseUpLayout) -> None
     smallest = _SMALLEST * layout.extent
     for k in range(len(spots.force)):
         point, normal = view.scaled(spots.position[k]), spots.normal[k]
-        height, color = float(spots.force[k] @ normal) * per_newton, _color(float(spots.utilisation[k]))
+        height, color = float(spots.force[k] @ normal) * per_newton, _color(one, k)
         radius = max(float(spots.radius[k]), smallest) * view.scale
         disc = pyvista.Cylinder(center=point, direction=normal, radius=radius, height=0.25 * radius, resolution=40)
         view.inner.add(disc, color=color, ambient=0.4)
@@ -132,7 +130,6 @@ def _draw_spots(view: Viewport, one: CloseUpData, layout: CloseUpLayout) -> None
 
 
 def _number_spots(view: Viewport, overlay: Overlay, one: CloseUpData, layout: CloseUpLayout) -> None:
-    """Draw a number near each contact, outside the particle and without overlaps."""
     drawn: list[np.ndarray] = []
     apart = 2.1 * _disc_radius(overlay)
     for k, position in enumerate(one.spots.position[:_LISTED]):
@@ -149,7 +146,7 @@ def _disc_radius(overlay: Overlay) -> float:
 
 
 def _draw_number(overlay: Overlay, one: CloseUpData, k: int, x: float, y: float) -> None:
-    overlay.disc(x, y, _disc_radius(overlay), _color(float(one.spots.utilisation[k])))
+    overlay.disc(x, y, _disc_radius(overlay), _color(one, k))
     overlay.text(str(k + 1), x, y, 22, "#FFFFFF", align="center", bold=True)
 
 

@@ -87,7 +87,11 @@ def compute_coloring(
     elif name in spheres:
         values = _length(spheres[name])
     elif name in contacts and "body" in contacts:
-        values = _largest_of_contacts(contacts, _length(contacts[name]), bodies)[row]
+        largest, amounts = np.full(len(bodies["position"]), -np.inf), _length(contacts[name])
+        for side in {"body", "partner"} & set(contacts):
+            real = contacts[side] >= 0  # a plate is a partner below 0
+            np.maximum.at(largest, rows_of(bodies, contacts[side][real]), amounts[real])
+        values = np.where(np.isneginf(largest), np.nan, largest)[row]
     else:
         names = set(bodies) | set(spheres) | set(contacts)
         known = (names | {short for short, long in ALIASES.items() if long in names}) - {"position"}
@@ -121,13 +125,3 @@ def _categories(run: RunFile, name: str, codes: np.ndarray, row: np.ndarray, sho
 
 def _length(values: np.ndarray) -> np.ndarray:
     return np.linalg.norm(values, axis=1) if values.ndim == 2 else values.astype(np.float64)
-
-
-def _largest_of_contacts(contacts: Arrays, values: np.ndarray, bodies: Arrays) -> np.ndarray:
-    """Return the largest value (B,) among each body's contacts, NaN without; a plate is a partner below 0."""
-    largest = np.full(len(bodies["position"]), -np.inf)
-    for side in ("body", "partner"):
-        if side in contacts:
-            real = contacts[side] >= 0
-            np.maximum.at(largest, rows_of(bodies, contacts[side][real]), values[real])
-    return np.where(np.isneginf(largest), np.nan, largest)

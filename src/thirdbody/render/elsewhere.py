@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from importlib import import_module
 from importlib.util import find_spec
 
@@ -68,7 +69,7 @@ def draw_elsewhere(module: str, job: dict, report: FilmReporter | None = None) -
 
 
 def _start(module: str, job: dict, kind: str | None, report: FilmReporter | None = None) -> tuple[int, str]:
-    """Return the exit code of the second process, and what it wrote to standard error."""
+    # the exit code of the second process, and what it wrote to standard error
     environment = python_environment()
     environment["ALLOW_PLOTTING"] = "true"  # otherwise pyvista tests this by opening a window
     if kind is not None:
@@ -79,13 +80,7 @@ def _start(module: str, job: dict, kind: str | None, report: FilmReporter | None
     # errors go into a file: two pipes would have to be read at once
     with tempfile.TemporaryFile("w+") as errors:
         with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=errors, text=True) as process:
-            late = threading.Event()
-
-            def time_out() -> None:
-                late.set()
-                process.kill()
-
-            timer = threading.Timer(limit, time_out)
+            began, timer = time.monotonic(), threading.Timer(limit, process.kill)
             timer.start()
             try:
                 assert process.stdout is not None
@@ -97,7 +92,7 @@ def _start(module: str, job: dict, kind: str | None, report: FilmReporter | None
                 raise
             finally:
                 timer.cancel()
-        if late.is_set():
+        if process.returncode and time.monotonic() - began > limit:
             raise MissingLibrary(f"VTK drew nothing within {limit:.0f} s: {ADVICE}")
         errors.seek(0)
         return process.returncode, errors.read()
@@ -108,11 +103,9 @@ def main(module: str, argument: str) -> int:
     job = json.loads(argument)
     try:
         import_module(module).draw(job)
-    except OSError as error:
-        print(f"{job['file']}: cannot be written ({error.strerror})", file=sys.stderr)
-        return OutputError.exit_code
-    except ThirdbodyError as error:
-        print(error, file=sys.stderr)
+    except (OSError, ThirdbodyError) as error:
+        words = f"{job['file']}: cannot be written ({error.strerror})" if isinstance(error, OSError) else error
+        print(words, file=sys.stderr)
         return OutputError.exit_code
     return 0
 

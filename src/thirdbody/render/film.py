@@ -88,7 +88,15 @@ def gif(pictures: Iterator[np.ndarray], fps: int) -> bytes:
         shape = picture.shape
         compressed.append(zlib.compress(picture.tobytes(), 1))
         samples.append(picture[::SAMPLED, ::SAMPLED])
-    palette = _palette(samples)
+    # the best palette for at most a dozen of the samples, including white
+    pixels = np.concatenate([sample.reshape(-1, 3) for sample in samples[:: -(-len(samples) // 12)]])
+    # Coloured pixels get a higher weight, or small bodies of a rare state would get no shades among so much paper.
+    bright = pixels[np.ptp(pixels.astype(np.int16), axis=1) > COLORFUL]
+    weighed = np.concatenate([pixels[::8], bright, bright])[None]
+    palette = Image.fromarray(weighed).quantize(colors=GIF_COLORS, method=Image.Quantize.MEDIANCUT)
+    colors = np.array(palette.getpalette(), np.uint8).reshape(-1, 3)
+    colors[np.all(colors >= ALMOST_WHITE, axis=1)] = 255
+    palette.putpalette(colors.ravel().tolist())
     frames = []
     for packed in compressed:
         picture = np.frombuffer(zlib.decompress(packed), np.uint8).reshape(shape)
@@ -98,18 +106,3 @@ def gif(pictures: Iterator[np.ndarray], fps: int) -> bytes:
     pause = 10 * max(2, round(100 / fps))
     frames[0].save(file, "GIF", save_all=True, append_images=frames[1:], duration=pause, loop=0, optimize=False)
     return file.getvalue()
-
-
-def _palette(samples: list[np.ndarray]) -> Any:
-    """Return an image with the best palette for at most a dozen of the samples, including white."""
-    from PIL import Image
-
-    pixels = np.concatenate([sample.reshape(-1, 3) for sample in samples[:: -(-len(samples) // 12)]])
-    # Coloured pixels get a higher weight, or small bodies of a rare state would get no shades among so much paper.
-    bright = pixels[np.ptp(pixels.astype(np.int16), axis=1) > COLORFUL]
-    weighed = np.concatenate([pixels[::8], bright, bright])[None]
-    image = Image.fromarray(weighed).quantize(colors=GIF_COLORS, method=Image.Quantize.MEDIANCUT)
-    colors = np.array(image.getpalette(), np.uint8).reshape(-1, 3)
-    colors[np.all(colors >= ALMOST_WHITE, axis=1)] = 255
-    image.putpalette(colors.ravel().tolist())
-    return image

@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -53,7 +53,13 @@ def draw_gallery(groups: Sequence[Group], title: str, png: str | Path) -> Path:
     png = checked_output(png, STILLS)
     packed: dict[str, Any] = {"title": title, "count": min(len(groups), GROUPS), "more": max(0, len(groups) - GROUPS)}
     for g, group in enumerate(groups[:GROUPS]):
-        shown = group.clumps[: 1 if _all_alike(group.clumps) else BODIES]
+        first = group.clumps[0]
+        alike = all(
+            body is first
+            or (len(body.radii) == len(first.radii) and np.allclose(body.centers / body.diameter, first.centers / first.diameter))
+            for body in group.clumps
+        )
+        shown = group.clumps[: 1 if alike else BODIES]
         packed[f"{g}.words"] = np.array([group.heading, group.facts])
         packed[f"{g}.diameters"] = [body.diameter for body in shown]
         if group.vertices is not None and group.faces is not None:
@@ -67,26 +73,11 @@ def draw_gallery(groups: Sequence[Group], title: str, png: str | Path) -> Path:
     return png
 
 
-def _all_alike(clumps: Sequence[Clump]) -> bool:
-    first = clumps[0]
-    return all(
-        body is first
-        or (len(body.radii) == len(first.radii) and np.allclose(body.centers / body.diameter, first.centers / first.diameter))
-        for body in clumps
-    )
-
-
-class _Cell(NamedTuple):
-    """Cell of one body: its spheres, its mesh or both, and the text below."""
-
-    body: int
-    spheres: bool
-    mesh: bool
-    words: str
-
-
 class _Block:
-    """Layout of one group: its cells, their size and scale [pixels]; `top` is set when the picture's height is known."""
+    """Layout of one group: its cells (body, whether spheres and mesh are drawn, text below), their size and scale [pixels].
+
+    `top` is set when the picture's height is known.
+    """
 
     def __init__(self, packed: Any, g: int):
         self.heading, self.facts = (str(words) for words in packed[f"{g}.words"])
@@ -97,22 +88,22 @@ class _Block:
         if self.vertices is None:
             counts = [f"{len(spheres)} sphere{'s' * (len(spheres) > 1)}" for spheres in self.spheres]
             sizes = [with_unit(diameter, "m") for diameter in self.diameters]
-            self.cells = [_Cell(b, True, False, f"{sizes[b]}, {count}") for b, count in enumerate(counts)]
+            self.cells = [(b, True, False, f"{sizes[b]}, {count}") for b, count in enumerate(counts)]
         else:
             words = "mesh", "mesh over spheres", f"{len(self.spheres[0])} spheres"
-            self.cells = [_Cell(0, k > 0, k < 2, text) for k, text in enumerate(words)]
+            self.cells = [(0, k > 0, k < 2, text) for k, text in enumerate(words)]
         self.columns = min(_COLUMNS, len(self.cells))
         rows = -(-len(self.cells) // self.columns)
         self.wide = (_WIDTH - 2 * _MARGIN) / self.columns
-        span = np.max([high - low for low, high in map(self.box, self.cells)], axis=0)
+        span = np.max([high - low for low, high in map(self.box, {cell[0] for cell in self.cells})], axis=0)
         tallest = min(self.wide, _TALLEST if len(self.cells) > 1 else 0.6 * _TALLEST)
         self.scale = _FILL * float(min(self.wide / span[0], tallest / span[1]))
         self.tall = float(span[1]) * self.scale + 0.1 * tallest
         self.height, self.top = _HEADING + rows * (self.tall + _LABEL) + _GAP, 0.0
 
-    def box(self, cell: _Cell) -> tuple[np.ndarray, np.ndarray]:
-        """Return the corners (2,) of a cell's content on the screen [m]; the same for all views of a mesh."""
-        spheres = self.spheres[cell.body]
+    def box(self, body: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the corners (2,) of a body on the screen [m]; the same for all views of a mesh."""
+        spheres = self.spheres[body]
         flat = on_screen(spheres[:, :3])[:, :2]
         low, high = (flat - spheres[:, 3:]).min(axis=0), (flat + spheres[:, 3:]).max(axis=0)
         if self.vertices is not None:
@@ -175,17 +166,17 @@ def _draw_block(pane: Any, overlay: Any, block: _Block, limits: tuple[float, flo
     for x0, x1, half in ((right - wide, right, 2.5), (right - wide, right - wide + 3, 9.0), (right - 3, right, 9.0)):
         overlay.polygon(rectangle(x0, y - half, x1, y + half), INK)
     overlay.text(with_unit(length, "m"), right - 0.5 * wide, y + 28, 22, align="center")
-    for number, cell in enumerate(block.cells):
+    for number, (body, has_spheres, has_mesh, words) in enumerate(block.cells):
         x, y = block.middle(number)
-        low, high = block.box(cell)
+        low, high = block.box(body)
         shift = np.array([x, y, 0.0]) - np.array([*(0.5 * (low + high)), 0.0]) * block.scale
-        if cell.spheres:
-            spheres = block.spheres[cell.body]
-            ratio = 2.0 * spheres[:, 3] / block.diameters[cell.body]
+        if has_spheres:
+            spheres = block.spheres[body]
+            ratio = 2.0 * spheres[:, 3] / block.diameters[body]
             colors = field_colors((ratio - limits[0]) / (limits[1] - limits[0]))
             pane.add_spheres(on_screen(spheres[:, :3]) * block.scale + shift, spheres[:, 3] * block.scale, colors)
-        if cell.mesh and block.vertices is not None and block.faces is not None:
+        if has_mesh and block.vertices is not None and block.faces is not None:
             mesh = pyvista.PolyData.from_regular_faces(block.vertices * block.scale + shift, block.faces)
             smooth = mesh.compute_normals(feature_angle=30.0, split_vertices=True, cell_normals=False)
-            pane.add(smooth, color=_STEEL, opacity=0.45 if cell.spheres else 1.0, culling="back", **GLOSSY)
-        overlay.text(cell.words, x, y - 0.5 * block.tall - 0.45 * _LABEL, 20, SOFT_INK, align="center")
+            pane.add(smooth, color=_STEEL, opacity=0.45 if has_spheres else 1.0, culling="back", **GLOSSY)
+        overlay.text(words, x, y - 0.5 * block.tall - 0.45 * _LABEL, 20, SOFT_INK, align="center")

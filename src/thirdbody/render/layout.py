@@ -36,11 +36,10 @@ _WIDEST_SLICE = 0.8  # a slice wider than this fraction of the domain, as one of
 class Layout:
     """Properties common to all pictures of a film.
 
-    Size [pixels], view, the corners `low`, `high` (3,) [m] that the camera keeps in sight, `directions` (k, 2) of the drag, the
+    View, the corners `low`, `high` (3,) [m] that the camera keeps in sight, `directions` (k, 2) of the drag, the
     window to enlarge or None and the height of its content [m], the force of the thickest tube [N].
     """
 
-    size: tuple[int, int]
     view: str
     low: np.ndarray
     high: np.ndarray
@@ -50,7 +49,7 @@ class Layout:
     full_scale: float
 
 
-def compute_layout(frames: Iterable[PictureData], size: tuple[int, int], view: str, zoom: float | None) -> Layout:
+def compute_layout(frames: Iterable[PictureData], view: str, zoom: float | None) -> Layout:
     """Return the layout for one frame, or for all frames of a film, which are processed one at a time.
 
     Without `zoom` the whole is shown, and for many bodies an enlarged part; `zoom` is the fraction of the domain's width and
@@ -72,7 +71,7 @@ def compute_layout(frames: Iterable[PictureData], size: tuple[int, int], view: s
     else:
         close_up = close_up_window(last, view)
     height = last.plate_height_over(*close_up) if close_up else high[2]
-    return Layout(size, view, low, high, np.array(directions).reshape(-1, 2), close_up, height, full_scale)
+    return Layout(view, low, high, np.array(directions).reshape(-1, 2), close_up, height, full_scale)
 
 
 def close_up_window(data: PictureData, view: str = "iso") -> Window | None:
@@ -118,10 +117,10 @@ def add_direction(directions: list[np.ndarray], direction: np.ndarray) -> None:
 
 def draw_picture(canvas: Canvas, layout: Layout, data: PictureData) -> None:
     """Draw the whole picture of a frame."""
-    size, overlay = layout.size, Overlay(canvas)
+    size, overlay = canvas.size, Overlay(canvas)
     foot = draw_legend(overlay, data.legend, layout.full_scale) / size[1]
     head = 1.0 - overlay.px(HEADING) / size[1]
-    areas = _viewports(layout, foot, head, overlay.px(_SCALE_LABEL) / size[1])
+    areas = _viewports(layout, size, foot, head, overlay.px(_SCALE_LABEL) / size[1])
     view = Viewport(canvas, data, areas[0], (layout.low, layout.high), layout.view)
     if layout.close_up:
         view.add_outline(*layout.close_up)
@@ -137,17 +136,15 @@ def draw_picture(canvas: Canvas, layout: Layout, data: PictureData) -> None:
     write_title(overlay, data.title, data.facts)
 
 
-def _viewports(layout: Layout, foot: float, head: float, label: float) -> list[Rectangle]:
-    """Return the areas of the whole and its close-up: side by side in wide pictures, else one below the other.
-
-    `label` is the height that the label of a scale bar needs: a close-up below the whole begins under it.
-    """
+def _viewports(layout: Layout, size: tuple[int, int], foot: float, head: float, label: float) -> list[Rectangle]:
+    # The whole and its close-up: side by side in wide pictures, else one below the other; the close-up then begins under the
+    # label, of this height, of the scale bar.
     if layout.close_up is None:
         return [(0.01, foot, 0.99, head)]
     if layout.view in ("side", "front"):
         cut = foot + 0.66 * (head - foot)
         return [(0.01, cut + label, 0.99, head - 0.035), (0.015, foot + 0.005, 0.985, cut - 0.01)]
-    if layout.size[0] < 1.25 * layout.size[1]:
+    if size[0] < 1.25 * size[1]:
         cut = foot + 0.5 * (head - foot)
         return [(0.01, cut + label, 0.99, head), (0.015, foot + 0.005, 0.985, cut - 0.01)]
     return [(0.01, foot, 0.56, head), (0.565, foot + 0.005, 0.985, head)]
@@ -170,7 +167,6 @@ def finish_view(view: Viewport, overlay: Overlay, iso: tuple[float, float, float
 
 
 def _add_panel(canvas: Canvas, overlay: Overlay, area: Rectangle, heading: str) -> Rectangle:
-    """Draw a framed panel with a heading; return the area inside that is free for a view."""
     size = canvas.size
     x0, y0, x1, y1 = (value * size[i % 2] for i, value in enumerate(area))
     canvas.paper.add_polygons(rectangle(x0, y0, x1, y1)[None], np.array([rgb(PANEL)], np.uint8))
@@ -190,8 +186,6 @@ def write_title(overlay: Overlay, title: str, facts: str) -> None:
 
 
 class _Item(NamedTuple):
-    """Item of the legend: its width, and its drawing function at a position, all in pixels."""
-
     wide: float
     draw: Callable[[float, float], None]
 
@@ -244,7 +238,6 @@ def _state(overlay: Overlay, words: str, color: str, total: int) -> _Item:
 
 
 def _scale(overlay: Overlay, legend: Legend, wide: float) -> _Item:
-    """Return a colour bar with round numbers below it."""
     assert legend.limits is not None
     low, high = legend.limits
     factor, unit = prefix_for(max(abs(low), abs(high)), legend.unit)

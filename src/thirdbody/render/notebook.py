@@ -19,7 +19,16 @@ def run_html(run: RunFile) -> str:
     left = 'style="text-align:left"'
     rows = "".join(f"<tr><th {left}>{escape(name)}</th><td {left}>{text}</td></tr>" for name, text in _rows(run))
     title = escape(str(run.header.get("title") or run.path.parent.name))
-    return f"<div><b>{title}</b><table>{rows}</table>{_picture(run) if run.frames else ''}</div>"
+    picture = ""
+    if run.frames:
+        with tempfile.TemporaryDirectory() as folder:
+            try:
+                content = render.render(run.path, Path(folder) / "run.png", size=SIZE).read_bytes()
+                code = base64.b64encode(content).decode("ascii")
+                picture = f'<img alt="last frame" width="{SIZE[0] // 3 * 2}" src="data:image/png;base64,{code}"/>'
+            except ThirdbodyError as problem:
+                picture = f"<p>No picture: {escape(str(problem))}</p>"
+    return f"<div><b>{title}</b><table>{rows}</table>{picture}</div>"
 
 
 def _rows(run: RunFile) -> list[tuple[str, str]]:
@@ -42,13 +51,3 @@ def _rows(run: RunFile) -> list[tuple[str, str]]:
     if figures.get("energy_residual") is not None:
         rows += [("energy residual", f"{figures['energy_residual']:.1e} of the work")]
     return rows + [("warning", escape(text)) for text in figures["warnings"]]
-
-
-def _picture(run: RunFile) -> str:
-    with tempfile.TemporaryDirectory() as folder:
-        try:
-            content = render.render(run.path, Path(folder) / "run.png", size=SIZE).read_bytes()
-        except ThirdbodyError as problem:
-            return f"<p>No picture: {escape(str(problem))}</p>"
-    code = base64.b64encode(content).decode("ascii")
-    return f'<img alt="last frame" width="{SIZE[0] // 3 * 2}" src="data:image/png;base64,{code}"/>'

@@ -12,7 +12,7 @@ import numpy as np
 from thirdbody.errors import InputError
 from thirdbody.palette import STATE_COLORS, pale, rgb
 from thirdbody.render.coloring import Arrays, Coloring, Legend, compute_coloring
-from thirdbody.render.surfaces import PlateSurface, Touching, read_plate_surfaces, read_touching
+from thirdbody.render.surfaces import SMALLEST_CONTACT, PlateSurface, Touching, read_plate_surfaces, read_touching
 from thirdbody.trajectory.read_blocks import rows_of
 from thirdbody.trajectory.run_file import RunFile
 from thirdbody.trajectory.sampling import ELSEWHERE
@@ -111,6 +111,10 @@ def read_picture_data(run: RunFile, frame: int, color: str, forces: bool = False
     if period is not None:
         shift[:, :2] = np.floor(bodies["position"][:, :2] / period) * period
     coloring = compute_coloring(run, frame, color, bodies, spheres, row, scale)
+    surfaces, touching = read_plate_surfaces(run, frame), None
+    if "lower" in surfaces:
+        smallest = SMALLEST_CONTACT * float(np.mean(spheres["radius"])) if len(row) else 0.0
+        touching = read_touching(run, frame, bodies, shift, surfaces["lower"], smallest)
     return PictureData(
         centers=spheres["position"] - shift[row],
         radii=np.asarray(spheres["radius"], np.float64),
@@ -130,8 +134,8 @@ def read_picture_data(run: RunFile, frame: int, color: str, forces: bool = False
         ids=bodies["id"] if "id" in bodies else np.arange(len(shift)),
         labels=_labels(run, bodies),
         tubes=force_tubes(run.contacts(frame), bodies, shift, period, coloring) if forces else None,
-        surfaces=read_plate_surfaces(run, frame),
-        touching=read_touching(run, frame, bodies, shift) if "lower" in run.surfaces else None,
+        surfaces=surfaces,
+        touching=touching,
     )
 
 
@@ -147,7 +151,6 @@ def refuse_lost(run: RunFile, frame: int, bodies: Arrays, spheres: Arrays) -> No
 
 
 def _labels(run: RunFile, bodies: Arrays) -> tuple[str, ...]:
-    """Return state, reason and, if there are several, population of each body in words; none without a labeller."""
     if "state" not in bodies:
         return ()
     words = [run.state_names[code] for code in bodies["state"]]
@@ -161,20 +164,14 @@ def _labels(run: RunFile, bodies: Arrays) -> tuple[str, ...]:
 
 
 def _domain(run: RunFile) -> np.ndarray | None:
-    """Return the size (2,) of the domain [m], None without."""
-    domain = run.header.get("domain")
-    if not domain:
-        return None
-    try:
-        return np.asarray(domain["size"], np.float64)
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{run.path}: damaged: its scene names no size of the domain ({error!r})") from error
+    # size (2,) [m], None without
+    size = run.header.get("domain", {}).get("size")
+    return None if size is None else np.asarray(size, np.float64)
 
 
 def _period(run: RunFile) -> np.ndarray | None:
-    """Return the size (2,) of a periodic domain [m], None without."""
-    size = _domain(run)
-    return size if size is not None and run.header["domain"].get("periodic", True) else None
+    # size (2,) of a periodic domain [m], None without
+    return _domain(run) if run.header.get("domain", {}).get("periodic", True) else None
 
 
 def _bounds(run: RunFile, bodies: Arrays, spheres: Arrays, plates: np.ndarray) -> Window:
@@ -197,7 +194,6 @@ def _bounds(run: RunFile, bodies: Arrays, spheres: Arrays, plates: np.ndarray) -
 
 
 def _drag(run: RunFile, frame: int, plates: np.ndarray) -> np.ndarray:
-    """Return the unit direction (x, y) of the upper plate's motion since the previous frame, or zero."""
     number = run.frame_number(frame)
     if len(plates) < 8 or run.frames < 2:
         return np.zeros(2)

@@ -142,7 +142,7 @@ def draw(job: dict[str, Any]) -> None:
         if file.suffix.lower() == ".png":
             save_png(next(pictures), file, origin(run, job))
         else:
-            write_whole(file, {".gif": gif, ".mp4": mp4}[file.suffix.lower()](_reported(pictures), job["fps"]))
+            write_whole(file, {".gif": gif, ".mp4": mp4}[file.suffix.lower()](pictures, job["fps"]))
 
 
 def origin(run: Any, job: dict[str, Any]) -> dict[str, str]:
@@ -158,15 +158,8 @@ def origin(run: Any, job: dict[str, Any]) -> dict[str, str]:
     }
 
 
-def _reported(pictures: Iterator[Any]) -> Iterator[Any]:
-    """Yield the same pictures, each reported on standard output when it is drawn."""
-    for number, picture in enumerate(pictures, start=1):
-        yield picture
-        print(f"{DRAWN}{number}", flush=True)
-
-
 def _draw_pictures(run: Any, job: dict[str, Any], canvas: Any) -> Iterator[Any]:
-    """Yield the picture of each frame, all in one layout: only what moves in the run moves in the film."""
+    # all in one layout: only what moves in the run moves in the film
     from thirdbody.render.closeup import compute_close_up_layout, draw_close_up
     from thirdbody.render.layout import compute_layout, draw_picture
     from thirdbody.render.picture_data import read_close_up, read_picture_data
@@ -175,13 +168,14 @@ def _draw_pictures(run: Any, job: dict[str, Any], canvas: Any) -> Iterator[Any]:
     scale = reduce(or_, (read_picture_data(run, number, color).legend for number in numbers))
     if job["body"] is None:
         read: Callable[[int], Any] = partial(read_picture_data, run, color=color, forces=job["forces"], scale=scale)
-        layout = compute_layout(map(read, numbers), canvas.size, job["view"], job["zoom"])
+        layout = compute_layout(map(read, numbers), job["view"], job["zoom"])
         draw_one: Callable[[Any], None] = partial(draw_picture, canvas, layout)
     else:
         read = partial(read_close_up, run, body=job["body"], color=color, scale=scale)
-        close = compute_close_up_layout(map(read, numbers), canvas.size, job["view"], job["camera"] == "fixed")
+        close = compute_close_up_layout(map(read, numbers), job["view"], job["camera"] == "fixed")
         draw_one = partial(draw_close_up, canvas, close)
-    for number in numbers:
+    for count, number in enumerate(numbers, start=1):
         canvas.clear()
         draw_one(read(number))
         yield canvas.pixels()
+        print(f"{DRAWN}{count}", flush=True)

@@ -12,8 +12,7 @@ import numpy as np
 from thirdbody.atomic_files import write_whole
 from thirdbody.errors import InputError, OutputError, nearest
 from thirdbody.palette import rgb
-from thirdbody.trajectory.names import LOWER_PLATE
-from thirdbody.trajectory.plates import PLATES
+from thirdbody.trajectory.names import LOWER_PLATE, PLATES
 from thirdbody.trajectory.read_blocks import rows_of
 from thirdbody.trajectory.run_file import RunFile
 from thirdbody.trajectory.summary import NO_MAPS, maps_of_cycles
@@ -33,10 +32,14 @@ DARK = 0.15  # part of the colour scale that is cut off where nothing lies, so t
 
 
 class Touching(NamedTuple):
-    """Contacts with a plate: points (C, 3), wrapped with their bodies, radii (C,) [m], and the rows of their bodies (C,)."""
+    """Contacts with a plate: points (C, 3), wrapped with their bodies, drawn radii (C,) [m], slopes of the plate (C, 2).
+
+    `body` (C,): rows of their bodies.
+    """
 
     points: np.ndarray
     radius: np.ndarray
+    slopes: np.ndarray
     body: np.ndarray
 
 
@@ -85,12 +88,16 @@ def read_plate_surfaces(run: RunFile, frame: int) -> dict[str, PlateSurface]:
     }  # fmt: skip
 
 
-def read_touching(run: RunFile, frame: int, bodies: dict[str, np.ndarray], shift: np.ndarray) -> Touching:
-    """Return the loaded contacts with the lower plate; `shift` (B, 3) is subtracted to wrap bodies."""
+def read_touching(
+    run: RunFile, frame: int, bodies: dict[str, np.ndarray], shift: np.ndarray, surface: PlateSurface, smallest: float
+) -> Touching:
+    """Return the loaded contacts with the lower plate; `shift` (B, 3) is subtracted to wrap bodies, `smallest`: radius [m]."""
     contacts = run.block("contacts", frame)
     chosen = (contacts["partner"] == LOWER_PLATE) & (contacts["normal_force"] > 0.0)
     row = rows_of(bodies, contacts["body"][chosen])
-    return Touching(contacts["position"][chosen] - shift[row], contacts["contact_radius"][chosen], row)
+    points = contacts["position"][chosen] - shift[row]
+    slopes = np.column_stack(surface.slopes(points[:, 0], points[:, 1]))
+    return Touching(points, np.maximum(contacts["contact_radius"][chosen], smallest), slopes, row)
 
 
 def window_mesh(
@@ -107,21 +114,15 @@ def window_mesh(
     x, y = (np.linspace(a, b, n) for a, b, n in zip(low[:2], high[:2], counts, strict=True))
     grid_x, grid_y = np.meshgrid(x, y)
     heights = surface.heights(grid_x, grid_y)
-    colors = surface.colors(heights) * (1.0 - SHADE * _covered(x, y, centers, radii))[..., None]
+    covered = np.zeros(heights.shape)  # 1 below a sphere
+    for (a, b, _), radius in zip(centers, radii, strict=True):
+        columns, rows = (slice(*np.searchsorted(axis, [at - radius, at + radius])) for axis, at in ((x, a), (y, b)))
+        covered[rows, columns] += (x[None, columns] - a) ** 2 + (y[rows, None] - b) ** 2 < radius**2
+    colors = surface.colors(heights) * (1.0 - SHADE * np.minimum(covered, 1.0))[..., None]
     z = surface.position[2] + surface.sign * heights
     mesh = pyvista.StructuredGrid(grid_x, grid_y, z)
     mesh.point_data["color"] = np.rint(colors).astype(np.uint8).swapaxes(0, 1).reshape(-1, 3)
     return mesh
-
-
-def _covered(x: np.ndarray, y: np.ndarray, centers: np.ndarray, radii: np.ndarray) -> np.ndarray:
-    """Return 1 for points (n_y, n_x) below a sphere, 0 for others."""
-    result = np.zeros((len(y), len(x)))
-    for (a, b, _), radius in zip(centers, radii, strict=True):
-        columns, rows = (slice(*np.searchsorted(axis, [at - radius, at + radius])) for axis, at in ((x, a), (y, b)))
-        inside = (x[None, columns] - a) ** 2 + (y[rows, None] - b) ** 2 < radius**2
-        result[rows, columns] = np.maximum(result[rows, columns], inside)
-    return result
 
 
 def skirt(mesh: pyvista.StructuredGrid, z: float) -> pyvista.PolyData:

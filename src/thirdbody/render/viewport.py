@@ -8,7 +8,7 @@ import pyvista
 from thirdbody.palette import INK, pale
 from thirdbody.render.canvas import OVERSAMPLING, WIDTH, Canvas, Rectangle
 from thirdbody.render.picture_data import PictureData
-from thirdbody.render.surfaces import CONTACT, SMALLEST_CONTACT, skirt, window_mesh
+from thirdbody.render.surfaces import CONTACT, skirt, window_mesh
 from thirdbody.units import round_length, with_unit
 
 _PLATE, _PLATE_EDGES = "#DDE1E6", "#8A929C"
@@ -34,14 +34,9 @@ class Viewport:
     """
 
     def __init__(
-        self,
-        canvas: Canvas,
-        data: PictureData,
-        viewport: Rectangle,
-        bounds: tuple[np.ndarray, np.ndarray],
-        view: str = "iso",
+        self, canvas: Canvas, data: PictureData, viewport: Rectangle, bounds: tuple[np.ndarray, np.ndarray], view: str,
         plate_height: float | None = None,
-    ):
+    ):  # fmt: skip
         low, high = bounds
         self._data, self._view, self._window = data, view, bounds
         self._outer, self.inner = canvas.add_view(viewport)
@@ -141,15 +136,13 @@ class Viewport:
 
     def _add_contacts(self, low: np.ndarray, high: np.ndarray) -> None:
         """Draw the contacts with the rough lower plate, of bodies in a window, as discs along its surface."""
-        data, surface, touching = self._data, self._data.surfaces["lower"], self._data.touching
-        chosen = np.zeros(0, bool) if touching is None else data.bodies_inside(low, high)[touching.body]
+        touching = self._data.touching
+        chosen = np.zeros(0, bool) if touching is None else self._data.bodies_inside(low, high)[touching.body]
         if touching is None or not chosen.any():
             return
-        points, smallest = touching.points[chosen], SMALLEST_CONTACT * float(np.mean(data.radii))
-        slope_x, slope_y = surface.slopes(points[:, 0], points[:, 1])
-        cloud = pyvista.PolyData(self.scaled(points).astype(np.float32))
-        cloud["radius"] = (np.maximum(touching.radius[chosen], smallest) * self.scale).astype(np.float32)
-        cloud["normal"] = np.column_stack([-slope_x, -slope_y, np.ones(len(points))]).astype(np.float32)
+        cloud = pyvista.PolyData(self.scaled(touching.points[chosen]).astype(np.float32))
+        cloud["radius"] = (touching.radius[chosen] * self.scale).astype(np.float32)
+        cloud["normal"] = np.insert(-touching.slopes[chosen], 2, 1.0, axis=1).astype(np.float32)
         disc = pyvista.Cylinder(direction=(1.0, 0.0, 0.0), radius=1.0, height=0.3, resolution=20)
         self._outer.add(cloud.glyph(orient="normal", scale="radius", geom=disc), color=CONTACT, scalars=None, lighting=False)
 
@@ -180,7 +173,6 @@ class Viewport:
         self.inner.add(tube, scalars="color", rgb=True, ambient=0.35, diffuse=0.75)
 
     def _arrow_ends(self, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return start and tip of an arrow at the leading edge of the upper plate, in a direction (2,)."""
         half, middle = 0.5 * (self._high - self._low), 0.5 * (self._high + self._low)
         reach = min(h / abs(d) for h, d in zip(half[:2], direction, strict=True) if abs(d) > 1e-9)
         start = np.array([*(middle[:2] + direction * (reach + 2.0)), self._high[2] + 0.5 * self._thickness])
@@ -221,10 +213,9 @@ class Viewport:
 
     def add_outline(self, low: np.ndarray, high: np.ndarray) -> None:
         """Draw the outline of another window, on the upper plate."""
-        a, b = self.scaled(np.array([*low[:2], 0.0])), self.scaled(np.array([*high[:2], 0.0]))
-        z = self._ceiling + self._thickness
-        corners = [(a[0], a[1], z), (b[0], a[1], z), (b[0], b[1], z), (a[0], b[1], z), (a[0], a[1], z)]
-        self._add_line(np.array(corners), 2.6)
+        (a, b, _), (c, d, _) = (self.scaled(np.array([*corner[:2], 0.0])) for corner in (low, high))
+        corners = np.array([(a, b), (c, b), (c, d), (a, d), (a, b)])
+        self._add_line(np.insert(corners, 2, self._ceiling + self._thickness, axis=1), 2.6)
 
     def _add_line(self, points: np.ndarray, width: float) -> None:
         self._outer.add(pyvista.MultipleLines(points), color=INK, lighting=False, line_width=width * self._line_unit)
@@ -277,10 +268,8 @@ Pose = tuple[np.ndarray, float, float]
 
 
 def _fit_parallel(points: np.ndarray, axes: np.ndarray, pixels: tuple[float, float]) -> Pose:
-    """Return focus, distance and half height of a picture of that size in which all points just fit, without perspective.
-
-    `axes` (3, 3) are the camera's right, up and back.
-    """
+    # Focus, distance and half height of a picture of that size in which all points just fit, without perspective; `axes` (3, 3)
+    # are the camera's right, up and back.
     flat = points @ axes.T
     low, high = flat.min(axis=0), flat.max(axis=0)
     half = 0.5 * (high - low)
@@ -288,10 +277,8 @@ def _fit_parallel(points: np.ndarray, axes: np.ndarray, pixels: tuple[float, flo
 
 
 def _fit_perspective(points: np.ndarray, axes: np.ndarray, pixels: tuple[float, float]) -> Pose:
-    """Return the same in perspective; the half height is unused.
-
-    A fixed-point iteration: shift the focus to the middle of the projection, then set the distance; converges in a few steps.
-    """
+    # The same in perspective; the half height is unused. A fixed-point iteration: shift the focus to the middle of the
+    # projection, then set the distance; converges in a few steps.
     reach = np.tan(np.radians(0.5 * _ANGLE)) * np.array([pixels[0] / pixels[1], 1.0])
     focus, distance = points.mean(axis=0), 300.0
     for _ in range(30):

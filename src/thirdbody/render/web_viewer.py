@@ -17,7 +17,7 @@ import numpy as np
 from thirdbody.atomic_files import write_whole
 from thirdbody.palette import FIELD_STOPS, rgb
 from thirdbody.render.picture_data import PictureData
-from thirdbody.render.surfaces import CONTACT, HIGHEST, LOWEST, SMALLEST_CONTACT
+from thirdbody.render.surfaces import CONTACT, HIGHEST, LOWEST
 from thirdbody.units import prefix_for, ticks, with_unit
 
 FINEST = 320  # largest number of points along the longer side of a rough plate: 270 kB of a page for a square plate
@@ -45,10 +45,13 @@ def _scene(data: PictureData) -> dict[str, object]:
     middle = 0.5 * (data.low + data.high)
     spheres = np.column_stack(((data.centers - middle) * scale, data.radii * scale))
     margin = 1.1 * float(data.radii.max(initial=0.0)) * scale
-    half = 0.5 * extent * scale + [margin, margin, 0.0]
+    half, on = 0.5 * extent * scale + [margin, margin, 0.0], data.touching
     return {
         "surfaces": {side: _relief(data, side, middle, half, scale) for side in data.surfaces},
-        "contacts": _contacts(data, middle, scale),
+        # place, radius, slopes of the plate: six numbers each
+        "contacts": ""
+        if on is None
+        else _packed(np.column_stack(((on.points - middle) * scale, on.radius * scale, on.slopes)), "<f4"),
         "tones": {"low": rgb(LOWEST), "high": rgb(HIGHEST), "contact": rgb(CONTACT)},
         "spheres": _packed(spheres, "<f4"),
         "colors": _packed(data.colors, "u1"),
@@ -76,16 +79,6 @@ def _relief(data: PictureData, side: str, middle: np.ndarray, half: np.ndarray, 
     low, high = float(z.min()), float(z.max())
     grid = np.rint((z - low) * (65535.0 / max(high - low, 1e-300)))
     return {"n": counts, "z": _packed(grid, "<u2"), "low": low, "high": high}
-
-
-def _contacts(data: PictureData, middle: np.ndarray, scale: float) -> str:
-    """Return the contacts with the rough lower plate: place, radius, slopes of the plate, as packed rows of six numbers."""
-    touching = data.touching
-    if touching is None:
-        return ""
-    radius = np.maximum(touching.radius, SMALLEST_CONTACT * float(np.mean(data.radii))) * scale
-    slopes = data.surfaces["lower"].slopes(touching.points[:, 0], touching.points[:, 1])
-    return _packed(np.column_stack(((touching.points - middle) * scale, radius, *slopes)), "<f4")
 
 
 def _packed(values: np.ndarray, kind: str) -> str:

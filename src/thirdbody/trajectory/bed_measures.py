@@ -25,14 +25,6 @@ EDGE = 0.1
 """Fractions EDGE and 1 - EDGE of the velocity difference of the bed are reached at the edges of the shear zone."""
 
 
-class Interval(NamedTuple):
-    """Means over an output interval: pressure on the plates [Pa], velocities of the bodies (n, 3) [m/s]; and the gap now [m]."""
-
-    pressure: float
-    velocities: Array
-    gap: float
-
-
 class BedMeasures:
     """Measures of the bed in a state. `modulus`: effective modulus E* of two of its bodies [Pa]."""
 
@@ -43,11 +35,15 @@ class BedMeasures:
         self.density = float(self.mass.sum() / self.volume.sum())
         self.median, self.largest = median_by_mass(2.0 * radius, self.mass), float(2.0 * radius.max())
 
-    def series(self, interval: Interval, elastic: float) -> dict[str, float]:
-        """Return the measures by the names of their series; NaN where one is not defined. `elastic`: stored energy [J]."""
-        bed, P, number = interval.gap >= LAYERS * self.median, interval.pressure, math.nan
+    def series(self, P: float, velocities: Array, gap: float, elastic: float) -> dict[str, float]:
+        """Return the measures by the names of their series; NaN where one is not defined.
+
+        Means over the output interval: pressure P on the plates [Pa], velocities of the bodies (n, 3) [m/s]; the gap [m] and the
+        elastic energy [J] now.
+        """
+        bed, number = gap >= LAYERS * self.median, math.nan
         if bed and P > 0.0:
-            zone = shear_zone(self.state.bodies.position[:, 2], interval.velocities, self.mass, self.median)
+            zone = shear_zone(self.state.bodies.position[:, 2], velocities, self.mass, self.median)
             number = math.nan if zone is None else inertial_number(zone.rate, self.median, self.density, P)
         sides = self.state.slots.sides[self._loaded()]
         return {
@@ -58,11 +54,10 @@ class BedMeasures:
             "unbalanced_force": self._unbalanced_force(),
             "kinetic_energy_ratio": self._fluctuation_energy(bed) / elastic if elastic > 0.0 else math.nan,
             "coordination_number": (len(sides) + np.count_nonzero(sides == DEBRIS)) / self.state.n_bodies,
-            "solid_fraction": self._solid_fraction(interval.gap) if bed else math.nan,
+            "solid_fraction": self._solid_fraction(gap) if bed else math.nan,
         }
 
     def _loaded(self) -> NDArray[np.int64]:
-        """Return the contacts that carry load."""
         slots = self.state.slots
         return np.flatnonzero((slots.histories.slip > 0.0) & (slots.records.normal_force > 0.0))
 

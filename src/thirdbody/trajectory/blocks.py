@@ -59,21 +59,19 @@ class Column:
 
     def extend(self, rows: Any, chunk: bytes | None = None) -> int:
         """Append rows; return the row at which they begin. `chunk`: the rows by `deflated`, if that has been computed."""
-        if chunk is not None:
-            start, self.length = self.length, self.length + len(rows)
-            self._id.set_extent((self.length, *self._tail))
-            self._id.write_direct_chunk((start,) + (0,) * len(self._tail), chunk)
-            return start
-        data = np.ascontiguousarray(rows, self._dtype)
+        start, data = self.length, np.ascontiguousarray(rows, self._dtype)
         if data.shape[1:] != self._tail:
             raise ValueError(f"rows of shape {data.shape[1:]} do not fit a data set with rows of {self._tail}")
-        start = self.length
         if len(data):
-            self._id.set_extent((start + len(data), *self._tail))
-            space = self._id.get_space()
-            space.select_hyperslab((start,) + (0,) * len(self._tail), data.shape)
-            self._id.write(h5py.h5s.create_simple(data.shape), space, data)
             self.length += len(data)
+            first = (start,) + (0,) * len(self._tail)
+            self._id.set_extent((self.length, *self._tail))
+            if chunk is not None:
+                self._id.write_direct_chunk(first, chunk)
+                return start
+            space = self._id.get_space()
+            space.select_hyperslab(first, data.shape)
+            self._id.write(h5py.h5s.create_simple(data.shape), space, data)
         return start
 
     def add(self, row: Any) -> int:
@@ -127,14 +125,10 @@ class Block:
         self._points = growing(
             group, "Points", (3,), np.float32 if storage.single_points else np.float64, self._chunk, storage.compress
         )
+        lengths = {"Connectivity": ahead, "Offsets": ahead, "NumberOfCells": 256, "NumberOfConnectivityIds": 256}
         self._point_count = growing(group, "NumberOfPoints", (), np.int64)
         self._cells = {
-            cells: {
-                "Connectivity": growing(group.create_group(cells), "Connectivity", (), np.int64, ahead),
-                "Offsets": growing(group[cells], "Offsets", (), np.int64, ahead),
-                "NumberOfCells": growing(group[cells], "NumberOfCells", (), np.int64),
-                "NumberOfConnectivityIds": growing(group[cells], "NumberOfConnectivityIds", (), np.int64),
-            }
+            cells: {name: growing(group.require_group(cells), name, (), np.int64, rows) for name, rows in lengths.items()}
             for cells in CELL_GROUPS
         }
         steps = self._steps
@@ -166,7 +160,13 @@ class Block:
     def append(self, arrays: Mapping[str, np.ndarray]) -> None:
         """Write one frame of arrays from `plain`; invisible to readers before `count_frames`."""
         count = len(arrays["points"])
-        self._append_cells(count)
+        for cells, kinds in self._cells.items():
+            ids = count if cells == self._kind else 0
+            if ids > (have := kinds["Connectivity"].length):
+                kinds["Connectivity"].extend(np.arange(have, ids))
+                kinds["Offsets"].extend(np.arange(kinds["Offsets"].length, ids // self._per_cell + 1) * self._per_cell)
+            kinds["NumberOfCells"].add(ids // self._per_cell)
+            kinds["NumberOfConnectivityIds"].add(ids)
         self._step["PartOffsets"].add(self._point_count.add(count))
         self._step["NumberOfParts"].add(1)
         for zeros in self._zeros:
@@ -185,24 +185,12 @@ class Block:
             offsets.add(data.extend(array, chunk))
 
     def _columns_of(self, name: str, array: np.ndarray) -> tuple[Column, Column]:
-        """Return the data set of an array that varies, and that of the rows at which its frames begin."""
         if name == "points":
             return self._points, self._step["PointOffsets"]
         if name not in self._varying:
             data = growing(self._data, name, array.shape[1:], array.dtype, self._chunk, self._storage.compress)
             self._varying[name] = (data, growing(self._offsets, name, (), np.int64))
         return self._varying[name]
-
-    def _append_cells(self, count: int) -> None:
-        for cells, columns in self._cells.items():
-            ids = count if cells == self._kind else 0
-            number = ids // self._per_cell
-            have = columns["Connectivity"].length
-            if ids > have:
-                columns["Connectivity"].extend(np.arange(have, ids))
-                columns["Offsets"].extend(np.arange(columns["Offsets"].length, number + 1) * self._per_cell)
-            columns["NumberOfCells"].add(number)
-            columns["NumberOfConnectivityIds"].add(ids)
 
     def count_frames(self, frames: int) -> None:
         """Publish `frames` frames to readers; the file must be flushed before and after."""

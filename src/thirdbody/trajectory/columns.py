@@ -61,6 +61,13 @@ def table(run: RunFile, name: str, frame: int | None = None) -> list[Column]:
     return _columns(run.transitions(), {"from": states, "to": states, "reason": run.reason_names}, {})
 
 
+def tables_of(run: RunFile) -> list[str]:
+    """Return the names of the tables for which the run has data."""
+    missing = {TRANSITIONS: not run.has_states, CYCLES: not run.drag.stroke, PROFILES: not run.profiles}
+    missing |= {CONTACTS: not run.has_contacts, MAP_STATISTICS: not run.map_units}
+    return [name for name in TABLES if not missing.get(name)]
+
+
 def tables_by_frame(run: RunFile, name: str, frame: int | None = None) -> Iterator[list[Column]]:
     """Yield the table of profiles, bodies or contacts frame by frame, or of one frame. Raises IndexError outside the run."""
     numbers = [run.frame_number(frame)] if frame is not None else range(run.frame_number(-1) + 1)

@@ -107,5 +107,4 @@ class FrameContacts:
 
 
 def _over_limit(size: Array, limit: Array) -> Array:
-    """Return a force or moment over its limit, zero without one."""
     return np.divide(size, limit, out=np.zeros_like(size), where=limit > 0.0)

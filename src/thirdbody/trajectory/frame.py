@@ -17,7 +17,7 @@ from thirdbody.engine.state import State, orientations
 from thirdbody.kernels.tables import DEBRIS, body, body_extra, patch, record, run_totals, sphere
 from thirdbody.laws.contract import Labeller
 from thirdbody.trajectory.accommodation import accommodation, has_accommodation, parts_of
-from thirdbody.trajectory.bed_measures import BedMeasures, Interval
+from thirdbody.trajectory.bed_measures import BedMeasures
 from thirdbody.trajectory.blocks import Storage
 from thirdbody.trajectory.contacts import FrameContacts
 from thirdbody.trajectory.names import Frame
@@ -74,7 +74,6 @@ class FrameMaker:
         return {"spheres": spheres, "clumps": clumps}
 
     def _bodies_of_spheres(self) -> np.ndarray:
-        """Return the body of each sphere that is written, as it is numbered in the file."""
         number = self.state.order[self.state.body[self.spheres]]
         return number if self.sample is None else self.sample.row[number]
 
@@ -88,7 +87,7 @@ class FrameMaker:
 
         `labels`: from `Explicit.label`; None without a labeller. `stored`: `engine.guards.stored_energies` of now, if known.
         """
-        s = self.state
+        s, sample = self.state, self.sample
         self.interval_means = self.means.finish() if self.means else {}
         closed = FrameContacts(s)
         if self.watch is not None:
@@ -96,10 +95,17 @@ class FrameMaker:
         arrays = self._arrays_of_bodies(labels, closed)
         clumps = {name: values() for name, values in arrays.items() if self.arrays is None or name in self.arrays}
         series = self._series(clumps, closed, stored)
-        if self.sample is not None:
-            clumps = {name: values[self.sample.bodies] for name, values in clumps.items()}
-        contacts = self._contacts(closed)
-        return Frame(s.time, self._spheres(clumps), clumps, contacts, self._plates(), series, self._profiles(), map_densities(s))
+        chosen: Any = slice(None if "contacts" in self.blocks else 0)
+        if sample is not None:
+            clumps = {name: values[sample.bodies] for name, values in clumps.items()}
+            chosen = (sample.has(closed.body) | sample.has(closed.partner)) & ("contacts" in self.blocks)
+        contacts = closed.arrays(chosen)
+        profiles = {}
+        if self.profiler is not None:  # over the interval, of this instant where nothing is sampled between the frames
+            mean = self.interval_means.get("profiles")
+            profiles = self.profiler.profiles(self.profiler(s) if mean is None else mean, s)
+        contacts = contacts if sample is None else sample.of_contacts(contacts)
+        return Frame(s.time, self._spheres(clumps), clumps, contacts, self._plates(), series, profiles, map_densities(s))
 
     def _spheres(self, clumps: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         if "spheres" not in self.blocks:
@@ -110,26 +116,8 @@ class FrameMaker:
         spheres = {"points": s.S[self.spheres, :3], "velocity": velocity[self.spheres]}
         if "state" in clumps:
             clump = self._bodies_of_spheres()
-            spheres["state"] = clumps["state"][clump]
-            spheres["state_reason"] = clumps["state_reason"][clump]
+            spheres |= {name: clumps[name][clump] for name in ("state", "state_reason")}
         return spheres
-
-    def _profiles(self) -> dict[str, np.ndarray]:
-        """Return the profiles over the interval that ends now, of this instant where nothing is sampled between the frames."""
-        if self.profiler is None:
-            return {}
-        mean = self.interval_means.get("profiles")
-        return self.profiler.profiles(self.profiler(self.state) if mean is None else mean, self.state)
-
-    def _contacts(self, contacts: FrameContacts) -> dict[str, np.ndarray]:
-        """Return the arrays of the closed contacts that are written."""
-        chosen: Any = slice(None)
-        if "contacts" not in self.blocks:
-            chosen = slice(0)
-        elif self.sample is not None:
-            chosen = self.sample.has(contacts.body) | self.sample.has(contacts.partner)
-        arrays = contacts.arrays(chosen)
-        return arrays if self.sample is None else self.sample.of_contacts(arrays)
 
     def _arrays_of_bodies(self, labels: np.ndarray | None, contacts: Any) -> dict[str, Callable[[], np.ndarray]]:
         """Return what computes the arrays of the bodies, by their names; `contacts`: FrameContacts, None for the names alone."""
@@ -158,14 +146,11 @@ class FrameMaker:
         names = ("state", "state_reason", *(f"margin_{name}" for name in self.labeller.margins), *self.labeller.extras)
         codes = {"state", "state_reason", *self.labeller.codes}
         for k, name in enumerate(names):
-            arrays[name] = partial(self._labels, labels, k, np.uint8 if name in codes else np.float64)
+            kind: Any = np.uint8 if name in codes else np.float64
+            arrays[name] = partial(lambda column, kind: labels[given, column].astype(kind), k, kind)
         return arrays
 
-    def _labels(self, labels: np.ndarray, column: int, kind: Any) -> np.ndarray:
-        return labels[self.given, column].astype(kind)
-
     def _agglomerates(self) -> np.ndarray:
-        """Return the lowest id of the bodies that hang together with each body by contacts that push less than their pull-off."""
         from scipy.sparse import coo_matrix
         from scipy.sparse.csgraph import connected_components
 
@@ -256,10 +241,10 @@ class FrameMaker:
         return series | {f"energy_{name}": value for name, value in lines.items()}
 
     def _bed_series(self, bed: BedMeasures, force: float, lines: dict[str, float]) -> dict[str, float]:
-        """Return the measures of the bed; `force`: mean normal force on a plate over the output interval [N]."""
+        # `force`: mean normal force on a plate over the output interval [N]
         l_x, l_y = self.state.world.size
-        interval = Interval(force / (l_x * l_y), self.interval_means.get("velocity", self.state.bodies.velocity), self._gap())
-        return bed.series(interval, lines["elastic_normal"] + lines["elastic_tangential"])
+        velocities, elastic = self.interval_means.get("velocity", self.state.bodies.velocity), lines["elastic_normal"]
+        return bed.series(force / (l_x * l_y), velocities, self._gap(), elastic + lines["elastic_tangential"])
 
 
 def impulses_of(state: State) -> np.ndarray:

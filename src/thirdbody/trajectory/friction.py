@@ -1,7 +1,7 @@
 """Friction coefficient of a run, its error and whether it is stationary; statistics of correlated series."""
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -68,10 +68,6 @@ class Friction:
     cycles: int = 0
     energy_per_cycle: float = NAN
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the fields by name."""
-        return asdict(self)
-
     @property
     def text(self) -> str:
         """Value with error, for strokes with its definition: `0.158 ± 0.003`."""
@@ -90,13 +86,6 @@ class Friction:
         """Value and error alone: `0.158 ± 0.003`."""
         return with_error(self.value, self.error) if math.isfinite(self.value) else "unknown"
 
-    @property
-    def short_verdict(self) -> str:
-        """`stationary`, `still rising by 4 % over the second half`, or that it is undecided."""
-        if self.stationary is None:
-            return "stationary or not: unknown"
-        return "stationary" if self.stationary else self.verdict
-
     def __str__(self) -> str:
         """Return value, error and verdict in one line."""
         return f"{self.text}; {self.verdict}" if math.isfinite(self.value) else self.verdict
@@ -109,10 +98,8 @@ def friction_of(drag: Drag) -> Friction:
         return Friction(verdict="no sliding")
     if not np.isfinite(mu).any():
         return Friction(verdict="unloaded")
-    return _of_strokes(drag) if drag.stroke else _of_sliding(drag, mu)
-
-
-def _of_sliding(drag: Drag, mu: np.ndarray) -> Friction:
+    if drag.stroke:
+        return _of_strokes(drag)
     values = mu[drag.averaged]
     if not len(values):
         return Friction(verdict="unloaded over the second half")
@@ -142,7 +129,6 @@ def _of_strokes(drag: Drag) -> Friction:
 
 
 def _verdict(mean: float, change: float, margin: float, over: str) -> tuple[bool | None, str]:
-    """Return whether a coefficient is stationary, None where undecided, and that in words."""
     if not math.isfinite(change):
         return None, "too few output intervals to tell whether it is stationary"
     small = max(SMALL_CHANGE * abs(mean), SMALL)
@@ -173,16 +159,16 @@ def friction_cycles(drag: Drag) -> dict[str, np.ndarray]:
         # velocity, mean per interval: the coefficient is that force over the normal one, and an unloaded interval has none.
         force = np.nan_to_num(mu) * np.abs(force_on_plate(run)[:, 2])
     work = np.diff(run.series["drag_work"], prepend=np.nan) if "drag_work" in run.series else force * drag.steps
-    columns: dict[str, list[float]] = {name: [] for name in CYCLES}
+    rows = []
     for number, cycle in enumerate(drag.cycles):
         inside = slice(cycle.start + 1, cycle.stop)  # the interval that ends at the first frame belongs to the previous cycle
         energy = float(np.sum(work[inside]))
         row = [number + 1, run.times[cycle.start], run.times[cycle.stop - 1], energy, _known(np.mean, np.abs(mu[inside]))]
         for values in (mu[inside], force[inside], drag.displacement[cycle]):
             row += [_known(np.min, values), _known(np.max, values)]
-        for name, value in zip(columns, row, strict=True):
-            columns[name].append(value)
-    return {name: np.array(values, np.int64 if name == "cycle" else float) for name, values in columns.items()}
+        rows.append(row)
+    columns = zip(CYCLES, np.array(rows, float).reshape(-1, len(CYCLES)).T, strict=True)
+    return {name: values.astype(np.int64) if name == "cycle" else values for name, values in columns}
 
 
 def force_on_plate(run: RunArrays) -> np.ndarray:
@@ -191,7 +177,6 @@ def force_on_plate(run: RunArrays) -> np.ndarray:
 
 
 def _known(figure: Any, values: np.ndarray) -> float:
-    """Return a figure of the finite values, NaN without any."""
     values = values[np.isfinite(values)]
     return float(figure(values)) if len(values) else NAN
 
@@ -208,21 +193,20 @@ def mean_and_error(values: np.ndarray) -> tuple[float, float]:
     values = values[np.isfinite(values)]
     n = len(values)
     if not n:
-        return float("nan"), float("nan")
+        return NAN, NAN
     mean = float(values.mean())
     deviations = values - mean
     variance = float(deviations @ deviations) / n
     if n < MIN_SAMPLES:
-        return mean, float("nan")
+        return mean, NAN
     if variance <= (1e-13 * abs(mean)) ** 2:  # constant but for rounding
         return mean, 0.0
-    tau, window = _autocorrelation_time(deviations, variance)
-    tau *= 1.0 + (2.0 * window + 1.0) / n
-    return mean, float(np.sqrt(2.0 * tau * variance / n)) if n >= 2.0 * tau * MIN_SAMPLES else float("nan")
+    tau = _autocorrelation_time(deviations, variance)
+    return mean, float(np.sqrt(2.0 * tau * variance / n)) if n >= 2.0 * tau * MIN_SAMPLES else NAN
 
 
-def _autocorrelation_time(deviations: np.ndarray, variance: float) -> tuple[float, int]:
-    """Return the integrated autocorrelation time of deviations from their mean, at least 1/2, and its window [samples]."""
+def _autocorrelation_time(deviations: np.ndarray, variance: float) -> float:
+    # integrated, of deviations from their mean, at least 1/2, and without the bias due to that mean [samples]
     n = len(deviations)
     size = 1 << (2 * n - 1).bit_length()  # zero padding against circular correlation
     spectrum = np.abs(np.fft.rfft(deviations, size)) ** 2
@@ -230,7 +214,7 @@ def _autocorrelation_time(deviations: np.ndarray, variance: float) -> tuple[floa
     times = np.cumsum(covariance / variance) - 0.5
     beyond = np.flatnonzero(np.arange(n) >= WINDOW * times)
     window = int(beyond[0]) if len(beyond) else n - 1
-    return max(float(times[window]), 0.5), window
+    return max(float(times[window]), 0.5) * (1.0 + (2.0 * window + 1.0) / n)
 
 
 def change_and_error(values: np.ndarray) -> tuple[float, float]:
@@ -248,10 +232,7 @@ def change_and_error(values: np.ndarray) -> tuple[float, float]:
     squares = float(deviations @ deviations)
     if squares <= n * (1e-13 * float(np.abs(values).max())) ** 2:  # a straight line but for rounding
         return slope, 0.0
-    tau = 0.5
-    if n >= MIN_SAMPLES:
-        tau, window = _autocorrelation_time(deviations, squares / n)
-        tau *= 1.0 + (2.0 * window + 1.0) / n
+    tau = _autocorrelation_time(deviations, squares / n) if n >= MIN_SAMPLES else 0.5
     freedom = max(n / (2.0 * tau) - 2.0, 1.0)
     error = float(np.sqrt(2.0 * tau * squares / ((n - 2) * float(x @ x))))
     return slope, float(stdtrit(freedom, 0.995)) * error

@@ -12,10 +12,19 @@ import numpy as np
 Arrays = Mapping[str, np.ndarray]
 
 BLOCKS = ("spheres", "clumps", "contacts", "plates")
-REQUIRED_TEXTS = ("scene_text", "state_names", "reason_names", "units")
 STATIC_TEXT, SUMMARY_TEXT = "static_arrays", "summary"
 PROFILE_GROUP = "profiles"
 """Name of the group of profiles, and of the text with their `bins` and `axis`."""
+
+MAPS, SURFACES = "maps", "surfaces"
+"""Names of the groups of what measures have left on the plates, and of the rough plates.
+
+`/maps/NAME` holds, frame after frame, the rows of the lower plate and then those of the upper one, (2 n_y, n_x) per frame,
+accumulated since the start. Cells lie in coordinates of the plate: those of the upper plate move with it. Their sides are the
+domain's size over their number. `/surfaces/lower`, `/surfaces/upper` are written once: heights (n_y, n_x) [m], and the fields of
+`Surface` as attributes.
+"""
+PLATES = ("lower", "upper")
 
 POSITION = "position"
 """Name of the coordinates in arrays that are read; VTK calls them `Points`."""

@@ -6,6 +6,7 @@ Nothing is allocated on the claims of a damaged file, and no code is loaded that
 import io
 import json
 import os
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -16,8 +17,7 @@ import h5py
 import numpy as np
 
 from thirdbody.errors import InputError
-from thirdbody.trajectory.names import BLOCKS, PROFILE_GROUP, STATIC_TEXT
-from thirdbody.trajectory.plates import refuse_unsound_plates
+from thirdbody.trajectory.names import BLOCKS, MAPS, PLATES, PROFILE_GROUP, STATIC_TEXT, SURFACES
 
 FILE_NAME = "run.vtkhdf"
 TRIES, PAUSE = 10, 0.05
@@ -168,11 +168,21 @@ def refuse_unsound(file: h5py.File, header: Mapping[str, Any], frames: int) -> N
     _refuse_header(header)
     for name in BLOCKS:
         _refuse_block(file["VTKHDF"][name], tuple(header[STATIC_TEXT].get(name, ())), frames)
-    refuse_unsound_plates(file, frames)
-    rows = frames * header.get(PROFILE_GROUP, {"bins": 0})["bins"]
-    for group, count in (("series", frames), (PROFILE_GROUP, rows)):
-        for name in file.get(group, ()):
-            values = _sound(file[group][name], count)
+    for side, heights in file.get(SURFACES, {}).items():
+        if side not in PLATES or min(_sound(heights, len(heights), "f", 2, sys.maxsize).shape) < 4:
+            raise ValueError(f"{heights.name} is no surface of a plate")
+        for name in ("size", "copies"):
+            if heights.attrs[name].shape != (2,) or not np.all((heights.attrs[name] > 0) & np.isfinite(heights.attrs[name])):
+                raise ValueError(f"{heights.name}: {name} {str(heights.attrs[name])[:60]}")
+    rows_of = {"series": 1, PROFILE_GROUP: header.get(PROFILE_GROUP, {"bins": 0})["bins"], MAPS: 2}
+    for group, rows in rows_of.items():
+        for values in file.get(group, {}).values():
+            if group == MAPS:
+                rows = int(values.attrs["rows"])
+                if rows < 2 or rows % 2 or not _sound(values, frames * rows, "f", 2, sys.maxsize).shape[1]:
+                    raise ValueError(f"{values.name} is no map of plates")
+            else:
+                _sound(values, frames * rows)
             if not isinstance(values.attrs["units"], str):
                 raise TypeError(f"{values.name} has no units")
 
@@ -195,7 +205,7 @@ def _refuse_header(header: Mapping[str, Any]) -> None:
     for begin, until, period in header.get("closed_paths", ()):
         if not (0.0 <= begin < until and 0.0 < period < np.inf):
             raise ValueError(f"/scene/closed_paths: {begin}, {until}, {period}")
-    size = header.get("domain", {}).get("size", [1.0, 1.0])
+    size = (header.get("domain") or {"size": [1.0, 1.0]})["size"]
     if len(size) != 2 or not all(isinstance(x, int | float) and 0.0 < x < np.inf for x in size):
         raise ValueError(f"/scene/domain: size {str(size)[:60]}")
 
@@ -237,12 +247,12 @@ def _whole(dataset: h5py.Dataset, frames: int) -> np.ndarray:
     return values
 
 
-def _sound(dataset: h5py.Dataset, rows: int, kinds: str = "fiu", axes: int = 0) -> h5py.Dataset:
+def _sound(dataset: h5py.Dataset, rows: int, kinds: str = "fiu", axes: int = 0, widest: int = WIDEST) -> h5py.Dataset:
     """Return the data set if it holds that many rows of numbers. Raises ValueError, TypeError."""
     if not isinstance(dataset, h5py.Dataset) or dataset.dtype.kind not in kinds or not dataset.shape:
         raise TypeError(f"{dataset.name} is no array of numbers")
     width = int(np.prod(dataset.shape[1:], dtype=object))
-    if dataset.ndim > 2 or (axes and dataset.ndim != axes) or width > WIDEST:
+    if dataset.ndim > 2 or (axes and dataset.ndim != axes) or width > widest:
         raise ValueError(f"{dataset.name} has the shape {dataset.shape}")
     if len(dataset) < rows:
         raise ValueError(f"{dataset.name} has {len(dataset)} rows, {rows} are needed")

@@ -131,9 +131,13 @@ class Profiler:
 
     def __call__(self, state: State) -> Array:
         """Return the sums over all bodies and contacts now, (bins, STATES + number of states). Contacts must have records."""
-        slabs, volume = self._slabs(state)
+        upper, (length, width) = state.world.upper, state.world.size
+        assert upper is not None
+        height = float(np.max(state.P[: len(upper.heights), patch.HEIGHT]))
+        extent = (length, width, height)[self.axis]
+        slabs = Slabs(0.0, extent, self.bins, self.axis < 2 and state.world.periodic)
         sums = np.zeros((self.bins, STATES + len(self.states)))
-        sums[:, SPACE] = volume / self.bins
+        sums[:, SPACE] = length * width * height / self.bins
         self._add_bodies(state, slabs, sums)
         self._add_contacts(state, slabs, sums)
         return sums
@@ -160,14 +164,6 @@ class Profiler:
         }
         return result | {f"fraction_{name}": mean[:, STATES + code] for code, name in enumerate(self.states)}
 
-    def _slabs(self, state: State) -> tuple[Slabs, float]:
-        """Return the slabs between the plates, and the volume of all of them [m3]."""
-        upper, (length, width) = state.world.upper, state.world.size
-        assert upper is not None
-        height = float(np.max(state.P[: len(upper.heights), patch.HEIGHT]))
-        extent = (length, width, height)[self.axis]
-        return Slabs(0.0, extent, self.bins, self.axis < 2 and state.world.periodic), length * width * height
-
     def _add_bodies(self, state: State, slabs: Slabs, sums: Array) -> None:
         radii, body = state.spheres.radius, state.body
         total = np.bincount(body, radii**3, state.n_bodies)
@@ -176,7 +172,12 @@ class Profiler:
         v = state.bodies.velocity
         flux = (density[:, None, None] * v[:, :, None] * v[:, None, :]).reshape(len(v), 9)
         codes = () if self.labels is None else (self.labels()[:, None] == np.arange(len(self.states)),)
-        per_body = np.column_stack([state.bodies.spin, contacts_of(state), density, density[:, None] * v, flux, *codes])
+        slots = state.slots
+        loaded = np.flatnonzero((slots.histories.slip > 0.0) & (slots.records.normal_force != 0.0))
+        debris = loaded[slots.sides[loaded] == DEBRIS]
+        touched = np.concatenate([body[slots.own[loaded]], body[slots.partner[debris]]])
+        contacts = np.bincount(touched, minlength=state.n_bodies).astype(float)  # those with plates count
+        per_body = np.column_stack([state.bodies.spin, contacts, density, density[:, None] * v, flux, *codes])
         across = np.zeros(3)
         across[self.axis] = 1.0
         for chunk in chunks(len(radii), self.bins):
@@ -193,7 +194,6 @@ class Profiler:
             add(sums[:, MASS:], parts, per_body[rows, 4:])
 
     def _add_contacts(self, state: State, slabs: Slabs, sums: Array) -> None:
-        """Add what each contact contributes to both of its bodies."""
         slots, position = state.slots, state.bodies.position[:, self.axis]
         on = np.flatnonzero(slots.histories.slip > 0.0)
         for chunk in chunks(len(on), self.bins):
@@ -215,15 +215,6 @@ def add(sums: Array, parts: Parts, values: Array) -> None:
     for column in range(sums.shape[1]):
         weights = parts.amount * values[:, column][parts.thing]
         sums[:, column] += np.bincount(parts.slab, weights, len(sums))
-
-
-def contacts_of(state: State) -> Array:
-    """Return the number of loaded contacts of each body, those with plates included, (n_bodies,)."""
-    slots = state.slots
-    loaded = np.flatnonzero((slots.histories.slip > 0.0) & (slots.records.normal_force != 0.0))
-    debris = loaded[slots.sides[loaded] == DEBRIS]
-    touched = np.concatenate([state.body[slots.own[loaded]], state.body[slots.partner[debris]]])
-    return np.bincount(touched, minlength=state.n_bodies).astype(float)
 
 
 def chunks(rows: int, bins: int) -> list[slice]:

@@ -1,4 +1,4 @@
-"""Blocks of a run file, read frame by frame: those that it holds, and spheres that follow from their bodies."""
+"""Blocks of a run file, read frame by frame, and spheres that follow from their bodies; maps and surfaces of the plates."""
 
 import difflib
 from collections.abc import Collection, Iterable, Mapping
@@ -11,7 +11,8 @@ import numpy as np
 
 from thirdbody.errors import InputError
 from thirdbody.rotations import to_world
-from thirdbody.trajectory.names import POSITION
+from thirdbody.surfaces.surface import Surface
+from thirdbody.trajectory.names import MAPS, PLATES, POSITION, SURFACES
 from thirdbody.trajectory.open_file import damage_as_fault
 
 LOCAL_CENTER = "local_center"
@@ -88,7 +89,6 @@ class BlockReader:
             return self._known(name, data[: frames * rows].reshape(frames, rows, *data.shape[1:]))
 
     def _known(self, name: str, codes: np.ndarray) -> np.ndarray:
-        """Return the array; if it holds codes, check that all have a name."""
         maximum = self.names_of.get(name)
         if maximum is not None and codes.size and not 0 <= codes.min() <= codes.max() < maximum:
             raise ValueError(f"codes {codes.min()} to {codes.max()}, of which {maximum} have names")
@@ -150,3 +150,28 @@ def rows_of(bodies: Mapping[str, np.ndarray], ids: np.ndarray) -> np.ndarray:
         return ids.astype(np.int64)
     order = np.argsort(bodies["id"])
     return np.asarray(order[np.searchsorted(bodies["id"][order], ids)])
+
+
+def read_maps(file: h5py.File, frame: int) -> dict[str, np.ndarray]:
+    """Return the maps of one frame by name, (2, n_y, n_x); none in a run without."""
+    result = {}
+    for name, values in file.get(MAPS, {}).items():
+        rows = int(values.attrs["rows"])
+        result[name] = values[frame * rows : (frame + 1) * rows].reshape(2, rows // 2, values.shape[1])
+    return result
+
+
+def read_surfaces(file: h5py.File) -> dict[str, Surface]:
+    """Return the surfaces by plate; none of flat plates."""
+    surfaces = {}
+    for side, heights in file.get(SURFACES, {}).items():
+        numbers: Any = heights.attrs
+        size, copies = (tuple(numbers[name].tolist()) for name in ("size", "copies"))
+        surfaces[side] = Surface(heights[()], size, float(numbers["shortest"]), bool(numbers["curvature"]), copies=copies)
+    return surfaces
+
+
+def refuse_other_plates(plate: str) -> None:
+    """Raise ValueError for a name of no plate."""
+    if plate not in PLATES:
+        raise ValueError(f"plate: '{plate}' is not one of 'lower', 'upper'")

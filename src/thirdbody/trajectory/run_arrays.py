@@ -19,10 +19,9 @@ import numpy as np
 
 from thirdbody.errors import InputError
 from thirdbody.surfaces.surface import Surface
-from thirdbody.trajectory.names import BLOCKS, POSITION, PROFILE_GROUP, SUMMARY_TEXT
+from thirdbody.trajectory.names import BLOCKS, MAPS, PLATES, POSITION, PROFILE_GROUP, SUMMARY_TEXT
 from thirdbody.trajectory.open_file import FILE_NAME, OpenFile, damage_as_fault, read_text, refuse_false_texts, refuse_unsound
-from thirdbody.trajectory.plates import PLATES, map_units, read_maps, read_surfaces, refuse_other_plates
-from thirdbody.trajectory.read_blocks import BlockReader, Named, RebuiltSpheres
+from thirdbody.trajectory.read_blocks import BlockReader, Named, RebuiltSpheres, read_maps, read_surfaces, refuse_other_plates
 
 Result = TypeVar("Result")
 
@@ -182,7 +181,6 @@ class RunArrays:
         dict of str to ndarray
             One row per body: `position` (B, 3) [m], `quaternion` (B, 4) (w, x, y, z), `velocity` (B, 3) [m/s], `state` (B,),
             `friction_work` (B,) [J] and more; all names and units: `thirdbody keys bodies`.
-
         """
         return self.block("clumps", frame)
 
@@ -278,7 +276,7 @@ class RunArrays:
     @cached_property
     def map_units(self) -> dict[str, str]:
         """Unit of each map of the plates, by name; none without `measures.cell`."""
-        return self._steady("the maps", lambda: map_units(self.file))
+        return self._steady("the maps", lambda: {n: str(v.attrs["units"]) for n, v in self.file.get(MAPS, {}).items()})
 
     def maps(self, plate: str, frame: int = -1) -> dict[str, np.ndarray]:
         """Return what measures have left on a plate since the start of the run.
@@ -331,7 +329,6 @@ class RunArrays:
         Returns
         -------
         ndarray, one row per thing of the block
-
         """
         number = self.frame_number(frame)
         return self.steady(lambda: self._blocks[block].array(name, number))

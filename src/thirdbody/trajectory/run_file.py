@@ -9,11 +9,10 @@ import numpy as np
 from thirdbody.trajectory.bed import Bed, bed_of
 from thirdbody.trajectory.drag import Drag
 from thirdbody.trajectory.friction import Friction, friction_cycles, friction_of
-from thirdbody.trajectory.names import SUMMARY_TEXT
+from thirdbody.trajectory.names import MAP_STATISTICS, PLATES, POSITION, SUMMARY_TEXT
 from thirdbody.trajectory.open_file import damage_as_fault
 from thirdbody.trajectory.run_arrays import RunArrays
-from thirdbody.trajectory.states import state_transitions
-from thirdbody.trajectory.summary import map_statistics, run_summary
+from thirdbody.trajectory.summary import maps_of_cycles, run_summary
 
 
 class RunFile(RunArrays):
@@ -74,22 +73,46 @@ class RunFile(RunArrays):
         IndexError
             There is no such frame.
         """
-        return map_statistics(self.drag, cycles, frame)
+        size, rows = self.header["domain"]["size"] if self.map_units else (0.0, 0.0), list[tuple[Any, ...]]()
+        for plate in PLATES if self.map_units else ():
+            maps = self.maps(plate, frame) if cycles is None else maps_of_cycles(self.drag, plate, cycles)
+            for name, values in maps.items():
+                unit, covered = self.map_units[name], values[values > 0.0]
+                numbers = (covered.mean(), np.percentile(covered, 95.0), covered.max()) if len(covered) else (0.0, 0.0, 0.0)
+                total, of = float(values.mean()) * size[0] * size[1], {"m": "m3", "J/m2": "J"}.get(unit, f"{unit} m2")
+                rows.append((plate, name, *numbers, unit, len(covered) / values.size, total, of))
+        columns = zip(*rows, strict=True) if rows else ((),) * len(MAP_STATISTICS)
+        return {name: np.array(values, object if isinstance((*values, 0)[0], str) else float)
+                for name, values in zip(MAP_STATISTICS, columns, strict=True)}  # fmt: skip
 
     def transitions(self) -> dict[str, np.ndarray]:
-        """Return the changes of state between frames.
+        """Return the changes of state between frames, by frame, then by body.
+
+        Frames record states, not events: a body that changed twice between two frames shows one change, or none.
 
         Returns
         -------
         dict of str to ndarray
-            One row per change: frame, time [s], distance [m], body, from, to, reason, position (n, 3) [m].
+            One row per change, with values of the frame that shows the new state: frame, time [s], distance [m] (if the run has
+            that series), body, from, to, reason (codes), position (n, 3) [m].
 
         Raises
         ------
         AttributeError
             The run recorded no states.
         """
-        return state_transitions(self)
+        states = self.states
+        frame, body = np.nonzero(states[1:] != states[:-1])
+        frame += 1
+        table = {"frame": frame, "time": self.times[frame]}
+        if "distance" in self.series:
+            table["distance"] = self.series["distance"][frame]
+        table |= {"body": body, "from": states[frame - 1, body], "to": states[frame, body], "reason": self.reasons[frame, body]}
+        positions = np.empty((len(frame), 3))
+        for number in np.unique(frame):  # only the frames that show a change are read
+            rows = frame == number
+            positions[rows] = self.array("clumps", POSITION, int(number))[body[rows]]
+        return table | {POSITION: positions}
 
     def summary(self) -> dict[str, Any]:
         """Return the summary that the run stored at its end, and figures computed from its frames.
@@ -123,7 +146,6 @@ class RunFile(RunArrays):
             return run_summary(self.drag, self.friction, self.bed, self._steady("", self._stored_summary))
 
     def _stored_summary(self) -> dict[str, Any] | None:
-        """Return what the run stored at its end; None where it did not get there."""
         return dict(self._text(SUMMARY_TEXT)) if SUMMARY_TEXT in self._scene else None
 
 

@@ -83,7 +83,6 @@ class IntervalMeans:
         self._begin()
 
     def _begin(self) -> None:
-        """Begin an output interval with the last sample."""
         self.sums = {name: np.zeros_like(value) for name, value in self.values.items()}
         self.start = self.last = self.state.time
         length = self.duration()
@@ -95,7 +94,6 @@ class IntervalMeans:
             self._sample()
 
     def _sample(self) -> None:
-        """Add the time since the last sample, with the mean of both samples."""
         half = 0.5 * (self.state.time - self.last)
         for name, sample in self.samplers.items():
             value = np.array(sample(self.state), float)

@@ -1,11 +1,11 @@
 """States of the bodies: over the frames, their changes, and those of one frame by population, by material and by size."""
 
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from thirdbody.trajectory.names import POSITION, SIDES
+from thirdbody.trajectory.names import SIDES
 from thirdbody.trajectory.open_file import damage_as_fault
 from thirdbody.trajectory.run_arrays import RunArrays
 from thirdbody.units import GLUE, percent, quantity_text
@@ -19,29 +19,12 @@ ALIKE = 1.02
 POPULATION, MATERIAL, SIZE = KINDS = ("population", "material", "size")
 
 
-class Group(NamedTuple):
-    """Group of bodies: common property, name, and members (B,), bool."""
-
-    kind: str
-    name: str
-    members: np.ndarray
-
-
 def code_name(names: Sequence[str], code: int) -> str:
     """Return the name of a code, or the code where it has none."""
     return names[code] if 0 <= code < len(names) else str(code)
 
 
-def groups_of(run: RunArrays, bodies: dict[str, np.ndarray]) -> list[Group]:
-    """Return all populations, materials and size classes of the bodies (arrays of a frame); none without these arrays."""
-    result: list[Group] = []
-    for kind, names in ((POPULATION, run.population_names), (MATERIAL, run.material_names)):
-        codes = bodies.get(kind, np.zeros(0, np.int64))
-        result += [Group(kind, code_name(names, int(code)), codes == code) for code in np.unique(codes)]
-    return result + _size_classes(bodies.get("diameter"))
-
-
-def _size_classes(diameter: np.ndarray | None) -> list[Group]:
+def _size_classes(diameter: np.ndarray | None) -> list[tuple[str, str, np.ndarray]]:
     """Return classes of equal number by volume-equivalent diameter, ascending; none where all bodies have one size."""
     if diameter is None or not len(diameter) or diameter.max() <= ALIKE * diameter.min():
         return []
@@ -51,7 +34,7 @@ def _size_classes(diameter: np.ndarray | None) -> list[Group]:
     edges = np.unique(np.quantile(diameter, np.linspace(0.0, 1.0, count + 1)))
     index = np.clip(np.searchsorted(edges, diameter, "right") - 1, 0, len(edges) - 2)
     ends = [quantity_text(edge, "m", 2).replace(GLUE, " ") for edge in edges]
-    return [Group(SIZE, f"{ends[k]} to {ends[k + 1]}", index == k) for k in range(len(edges) - 1) if (index == k).any()]
+    return [(SIZE, f"{ends[k]} to {ends[k + 1]}", index == k) for k in range(len(edges) - 1) if (index == k).any()]
 
 
 def states_by_group(run: RunArrays, frame: int = -1) -> dict[str, list[dict[str, Any]]]:
@@ -62,32 +45,30 @@ def states_by_group(run: RunArrays, frame: int = -1) -> dict[str, list[dict[str,
     """
     if not run.frames or not run.has_states:
         return {}
-    bodies = run.bodies(frame)  # IndexError for a frame outside the run
+    bodies, result = run.bodies(frame), dict[str, list[dict[str, Any]]]()  # IndexError for a frame outside the run
     with damage_as_fault(run.path, "bodies and contacts"):
-        return _rows_of_groups(run, bodies, frame)
-
-
-def _rows_of_groups(run: RunArrays, bodies: dict[str, np.ndarray], frame: int) -> dict[str, list[dict[str, Any]]]:
-    load = _load_fractions(run, frame, len(bodies["state"]))
-    result: dict[str, list[dict[str, Any]]] = {}
-    for group in groups_of(run, bodies):
-        states = bodies["state"][group.members]
-        fractions = np.bincount(states, minlength=len(run.state_names)) / len(states)
-        row: dict[str, Any] = {"name": group.name, "bodies": len(states)}
-        if group.kind == POPULATION and "material" in bodies:
-            row["material"] = code_name(run.material_names, int(bodies["material"][group.members][0]))
-        if group.kind == SIZE:
-            sizes = bodies["diameter"][group.members]
-            row |= {"smallest": float(sizes.min()), "largest": float(sizes.max())}
-        if load is not None:
-            row["load_share"] = float(load[group.members].sum())
-        row["fractions"] = dict(zip(run.state_names, fractions.tolist(), strict=False))
-        result.setdefault(group.kind, []).append(row)
+        load = _load_fractions(run, frame, len(bodies["state"]))
+        groups: list[tuple[str, str, np.ndarray]] = []  # kind, name, members (B,), bool
+        for kind, names in ((POPULATION, run.population_names), (MATERIAL, run.material_names)):
+            codes = bodies.get(kind, np.zeros(0, np.int64))
+            groups += [(kind, code_name(names, int(code)), codes == code) for code in np.unique(codes)]
+        for kind, name, members in groups + _size_classes(bodies.get("diameter")):
+            states = bodies["state"][members]
+            fractions = np.bincount(states, minlength=len(run.state_names)) / len(states)
+            row: dict[str, Any] = {"name": name, "bodies": len(states)}
+            if kind == POPULATION and "material" in bodies:
+                row["material"] = code_name(run.material_names, int(bodies["material"][members][0]))
+            if kind == SIZE:
+                sizes = bodies["diameter"][members]
+                row |= {"smallest": float(sizes.min()), "largest": float(sizes.max())}
+            if load is not None:
+                row["load_share"] = float(load[members].sum())
+            row["fractions"] = dict(zip(run.state_names, fractions.tolist(), strict=False))
+            result.setdefault(kind, []).append(row)
     return result
 
 
 def _load_fractions(run: RunArrays, frame: int, count: int) -> np.ndarray | None:
-    """Return the fraction of the normal force on the upper plate (without one: lower) per body (B,); None without contacts."""
     contacts = run.block("contacts", frame)
     if not {"side", "body", "normal_force"} <= set(contacts):
         return None
@@ -110,8 +91,8 @@ def informative_groups(result: dict[str, list[dict[str, Any]]]) -> Iterator[tupl
 
 def fractions_text(fractions: dict[str, float], maximum: int = 4) -> str:
     """Return `95 % rolling, 5 % sliding`, the largest first."""
-    portions = sorted(((fraction, name) for name, fraction in fractions.items() if fraction > 0.0), key=lambda entry: -entry[0])
-    return ", ".join(f"{percent(fraction)} {name}" for fraction, name in portions[:maximum]).replace(GLUE, " ")
+    portions = sorted(fractions.items(), key=lambda entry: -entry[1])[:maximum]
+    return ", ".join(f"{percent(fraction)} {name}" for name, fraction in portions if fraction > 0.0).replace(GLUE, " ")
 
 
 def state_counts(run: RunArrays) -> dict[str, np.ndarray]:
@@ -119,26 +100,3 @@ def state_counts(run: RunArrays) -> dict[str, np.ndarray]:
     if run.rows("clumps", 0) == run.scene_bodies:
         return {name: np.count_nonzero(run.states == code, axis=1) for code, name in enumerate(run.state_names)}
     return {name: np.rint(run.series[f"fraction_{name}"] * run.scene_bodies).astype(np.int64) for name in run.state_names}
-
-
-def state_transitions(run: RunArrays) -> dict[str, np.ndarray]:
-    """Return one row per change between frames, ordered by frame, then by body; values of the frame that shows the new state.
-
-    Frames record states, not events: a body that changed twice between two frames shows one change, or none.
-
-    `frame` (T,), `time` (T,) [s], `distance` (T,) [m] slid by the plates (only if the run has that series), `body` (T,), `from`
-    and `to` (T,) state codes, `reason` (T,) code of the reason for the new state, `position` (T, 3) [m]. Raises AttributeError
-    when the run recorded no states.
-    """
-    states, reasons = run.states, run.reasons
-    frame, body = np.nonzero(states[1:] != states[:-1])
-    frame += 1
-    table = {"frame": frame, "time": run.times[frame]}
-    if "distance" in run.series:
-        table["distance"] = run.series["distance"][frame]
-    table |= {"body": body, "from": states[frame - 1, body], "to": states[frame, body], "reason": reasons[frame, body]}
-    positions = np.empty((len(frame), 3))
-    for number in np.unique(frame):  # only the frames that show a change are read
-        rows = frame == number
-        positions[rows] = run.array("clumps", POSITION, int(number))[body[rows]]
-    return table | {POSITION: positions}

@@ -10,8 +10,6 @@ from thirdbody.errors import InputError
 from thirdbody.trajectory.bed import Bed, accommodation_fractions, bed_figures, bed_warning
 from thirdbody.trajectory.drag import Drag
 from thirdbody.trajectory.friction import Friction, friction_cycles
-from thirdbody.trajectory.names import MAP_STATISTICS
-from thirdbody.trajectory.plates import PLATES
 from thirdbody.trajectory.states import states_by_group
 
 CLOSED = 1e-3
@@ -28,10 +26,7 @@ ROLLING = 0.02
 
 NO_MAPS = "this run has no maps; [measures] with cell and a measure such as wear makes some"
 
-TOTALS = {"m": "m3", "J/m2": "J"}
-"""Units of the integral of a map over the plate by the unit of the map; of others with `m2`."""
-
-PERCENTILE, MAX_CYCLES = 95.0, 1e12
+MAX_CYCLES = 1e12
 
 
 def run_summary(drag: Drag, friction: Friction, bed: Bed | None, stored: dict[str, Any] | None) -> dict[str, Any]:
@@ -44,21 +39,17 @@ def run_summary(drag: Drag, friction: Friction, bed: Bed | None, stored: dict[st
         report["largest_fraction_rolling"] = float(np.max(rolling))
     verdict = energy_verdict(report, str(run.header.get("scene_text", "")))
     report |= {} if verdict is None else {"energy_verdict": verdict}
-    at_end = verdict, bed_warning(bed), _rolling_warning(report)
+    rolled = report.get("largest_fraction_rolling", 0.0)
+    much = (
+        f"up to {100.0 * rolled:.0f} % of the bodies rolled or tipped at once, without inertia: where a body that tips "
+        "comes to rest depends on its momentum, so some may end in another seat than with inertia, and the friction of "
+        "few bodies may differ by some per cent"
+    )
+    at_end = verdict, bed_warning(bed), much if rolled > ROLLING else None
     return report | {"warnings": [*run.header.get("warnings", []), *report.get("warnings", []), *filter(None, at_end)]}
 
 
-def _rolling_warning(report: dict[str, Any]) -> str | None:
-    rolling = report.get("largest_fraction_rolling", 0.0)
-    return None if rolling <= ROLLING else (
-        f"up to {100.0 * rolling:.0f} % of the bodies rolled or tipped at once, without inertia: where a body that tips "
-        "comes to rest depends on its momentum, so some may end in another seat than with inertia, and the friction of "
-        "few bodies may differ by some per cent"
-    )  # fmt: skip
-
-
 def _figures(drag: Drag, friction: Friction, bed: Bed | None) -> dict[str, Any]:
-    """Return the figures that the frames of a run give."""
     run, series = drag.run, drag.run.series
     result: dict[str, Any] = {"frames": run.frames, "bodies": run.scene_bodies}
     if run.rows("clumps", 0) < run.scene_bodies:
@@ -159,19 +150,3 @@ def maps_of_cycles(drag: Drag, plate: str, cycles: float) -> dict[str, np.ndarra
         raise InputError(f"cycles: the run has {len(ends)} whole cycles; a rate needs two, of which the first does not count")
     before, after = (run.maps(plate, int(np.argmin(np.abs(run.times - end)))) for end in (ends[0], ends[-1]))
     return {name: cycles / (len(ends) - 1) * (after[name] - before[name]) for name in after}
-
-
-def map_statistics(drag: Drag, cycles: float | None, frame: int) -> dict[str, np.ndarray]:
-    """Return the statistics of the maps by the names of MAP_STATISTICS, one row per plate and map (`RunFile.map_statistics`)."""
-    run = drag.run
-    size, rows = run.header["domain"]["size"] if run.map_units else (0.0, 0.0), list[tuple[Any, ...]]()
-    for plate in PLATES if run.map_units else ():
-        maps = run.maps(plate, frame) if cycles is None else maps_of_cycles(drag, plate, cycles)
-        for name, values in maps.items():
-            unit, covered = run.map_units[name], values[values > 0.0]
-            numbers = (covered.mean(), np.percentile(covered, PERCENTILE), covered.max()) if len(covered) else (0.0, 0.0, 0.0)
-            total = float(values.mean()) * size[0] * size[1]
-            rows.append((plate, name, *numbers, unit, len(covered) / values.size, total, TOTALS.get(unit, f"{unit} m2")))
-    columns = zip(*rows, strict=True) if rows else ((),) * len(MAP_STATISTICS)
-    return {name: np.array(values, object if isinstance((*values, 0)[0], str) else float)
-            for name, values in zip(MAP_STATISTICS, columns, strict=True)}  # fmt: skip

@@ -40,9 +40,9 @@ from thirdbody.errors import InputError, OutputError
 from thirdbody.surfaces.surface import Surface
 from thirdbody.trajectory.blocks import PAGE, VERSION, Block, Column, Sink, growing
 from thirdbody.trajectory.frame import EVERYTHING, Selection
-from thirdbody.trajectory.names import BLOCKS, POSITION, PROFILE_GROUP, REQUIRED_TEXTS, STATIC_TEXT, SUMMARY_TEXT, Arrays, Frame
+from thirdbody.trajectory.names import BLOCKS, MAPS, POSITION, PROFILE_GROUP, STATIC_TEXT, SUMMARY_TEXT, SURFACES, Arrays, Frame
 from thirdbody.trajectory.open_file import damage_as_fault
-from thirdbody.trajectory.plates import MAPS, read_maps, write_surfaces
+from thirdbody.trajectory.read_blocks import read_maps
 from thirdbody.trajectory.run_arrays import RunArrays
 
 # The lowest format that has the indices of growing data sets; `latest` leaves an open flag when a run is killed, and such a file
@@ -71,7 +71,7 @@ class TrajectoryWriter:
         self, path: str | Path, header: Mapping[str, Any], static: Mapping[str, Arrays], copy_of: tuple[Path, int] | None = None,
         surfaces: Mapping[str, Surface] = MappingProxyType({}), selection: Selection = EVERYTHING,
     ):  # fmt: skip
-        missing = [name for name in REQUIRED_TEXTS if name not in header]
+        missing = [name for name in ("scene_text", "state_names", "reason_names", "units") if name not in header]
         if missing:
             raise ValueError(f"header lacks {', '.join(missing)}")
         self.path = Path(path)
@@ -102,7 +102,11 @@ class TrajectoryWriter:
                 self._blocks[name].write_static(arrays)
             for name, value in header.items():
                 _write_text(self._scene, name, value)
-            write_surfaces(self._file, surfaces)
+            for side, surface in surfaces.items():
+                heights = self._file.require_group(SURFACES).create_dataset(side, data=np.asarray(surface.heights, np.float64))
+                more = {"size": np.array(surface.size), "copies": np.array(surface.copies, np.int64), "units": "m"}
+                more |= {"shortest": surface.shortest, "curvature": np.uint8(surface.curvature)}
+                heights.attrs.update(more)
             _write_text(self._scene, STATIC_TEXT, {name: list(arrays) for name, arrays in static.items()})
             series.attrs["NSteps"] = np.int64(0)
             self._flush()
@@ -128,7 +132,7 @@ class TrajectoryWriter:
                 writer = cls(copy, header or old.header, static_arrays(old), (path, old.frames), old.surfaces, selection)
                 for number in range(frames):
                     between()
-                    writer.append(_stored_frame(old, number))
+                    writer.append(_frame_of(old, number))
                 writer.sync()  # the checkpoint on the disk refers to these frames
             with writer._write_errors():
                 os.replace(copy, path)
@@ -152,7 +156,11 @@ class TrajectoryWriter:
             if self.frames and set(values) != set(self._columns[group]):
                 raise ValueError(f"{group} {sorted(values)} differ from those of the first frame")
         nbytes = sum(array.nbytes for block in (*arrays.values(), frame.maps) for array in block.values())
-        self._require_space(nbytes)
+        # A half-written index is useless. The open file is asked for space: its folder may have been moved.
+        free = shutil.disk_usage(self._sink.fileno() if hasattr(os, "fstatvfs") else self.path.parent).free
+        if free < nbytes + nbytes // 2 + SPARE_BYTES:
+            self.close()
+            raise OutputError(f"{self._named}: the disk is full ({free // 1024} KiB left); {self._saved_frames()}")
         with self._write_errors():
             # New chunks hold four frames, or some rows of small ones; a hole costs nothing.
             self._sink.reserve(8 * nbytes + HOLE_BYTES)
@@ -163,10 +171,16 @@ class TrajectoryWriter:
                 for name, value in values.items():
                     self._append(group, name, np.asarray(value, np.float64))
             self._flush()
-            self._commit(frame.time)
+            for block in self._blocks.values():
+                block.count_frames(self.frames + 1)
+            self._flush()
+            for block in self._blocks.values():
+                block.add_time(frame.time)
+            self._file["series"].attrs.modify("NSteps", np.int64(self.frames + 1))
+            self._flush()
+            self.frames += 1
 
     def _append(self, group: str, name: str, values: np.ndarray) -> None:
-        """Append the values of a frame to a series, a profile or a map."""
         rows = values[None] if group == "series" else values.reshape(-1, values.shape[-1]) if group == MAPS else values
         columns = self._columns[group]
         if name not in columns:
@@ -177,17 +191,6 @@ class TrajectoryWriter:
                 parent[name].attrs["rows"] = np.int64(len(rows))
         columns[name].extend(rows)
 
-    def _commit(self, time: float) -> None:
-        frames = self.frames + 1
-        for block in self._blocks.values():
-            block.count_frames(frames)
-        self._flush()
-        for block in self._blocks.values():
-            block.add_time(time)
-        self._file["series"].attrs.modify("NSteps", np.int64(frames))
-        self._flush()
-        self.frames = frames
-
     def _flush(self) -> None:
         # Each flush cuts the hole off again, and the counts and times may begin new chunks after the data did.
         self._sink.reserve(HOLE_BYTES)
@@ -195,16 +198,8 @@ class TrajectoryWriter:
             self._file.flush()
         self._sink.check()
 
-    def _require_space(self, nbytes: int) -> None:
-        """Refuse a frame that does not fit on the disk before anything is written: a half-written index is useless."""
-        # asked of the open file: its folder may have been moved
-        free = shutil.disk_usage(self._sink.fileno() if hasattr(os, "fstatvfs") else self.path.parent).free
-        if free < nbytes + nbytes // 2 + SPARE_BYTES:
-            self.close()
-            raise OutputError(f"{self._named}: the disk is full ({free // 1024} KiB left); {self._saved_frames()}")
-
     def _saved_frames(self) -> str:
-        frames = max(self._before, getattr(self, "frames", 0))
+        frames = max(self._before, self.frames)
         if not frames:
             return "no frame was written"
         return f"the {frames} frames written before are kept" if frames > 1 else "the frame written before is kept"
@@ -232,12 +227,9 @@ class TrajectoryWriter:
 
     def close(self) -> None:
         """Close the file; may be called twice. Errors are ignored: every frame was flushed already."""
-        for file in (getattr(self, "_file", None), getattr(self, "_sink", None)):
-            if file is not None:
-                try:
-                    file.close()
-                except (OSError, RuntimeError):
-                    pass
+        for name in ("_file", "_sink"):  # which a constructor that failed may lack
+            with suppress(OSError, RuntimeError, AttributeError):
+                getattr(self, name).close()
 
     def __enter__(self) -> TrajectoryWriter:
         return self
@@ -247,7 +239,7 @@ class TrajectoryWriter:
 
 
 def _write_text(group: h5py.Group, name: str, value: Any) -> None:
-    """Store a text as it is, anything else as JSON, in a data set (attributes are limited to 64 KiB)."""
+    # in a data set: attributes are limited to 64 KiB
     text = value if isinstance(value, str) else json.dumps(value, default=lambda other: np.asarray(other).tolist())
     data = text.encode("utf-8")
     if name in group:
@@ -263,15 +255,13 @@ def static_arrays(run: RunArrays) -> dict[str, dict[str, np.ndarray]]:
     return {block: {name: data[block][name][()] for name in names[block]} for block in names}
 
 
-def _stored_frame(run: RunArrays, number: int) -> Frame:
-    """Return a frame as the file holds it."""
+def _frame_of(run: RunArrays, number: int) -> Frame:
     blocks = {}
     for name in BLOCKS:
         arrays = run.steady(partial(run.stored[name].read, number, run.header[STATIC_TEXT].get(name, ())))
         blocks[name] = {("points" if k == POSITION else k): v for k, v in arrays.items()}
     series = {name: values[number] for name, values in run.series.items()}
-    profiles = {name: values[number] for name, values in run.profiles.items()}
-    profiles = {name: values.reshape(len(values), 9) if values.ndim == 3 else values for name, values in profiles.items()}
+    profiles = {name: v[number].reshape(v.shape[1], 9) if v.ndim == 4 else v[number] for name, v in run.profiles.items()}
     with damage_as_fault(run.path, "the maps"):
         maps = run.steady(lambda: read_maps(run.file, number))
     return Frame(time=float(run.times[number]), series=series, profiles=profiles, maps=maps, **blocks)
