@@ -92,15 +92,15 @@ class CommandPoint(NamedTuple):
 
 def command_points() -> dict[str, CommandPoint]:
     """Return the commands of installed plug-ins by name: `entry_points` of importlib.metadata takes a third of `--help`."""
-    found = {}
+    points = {}
     for folder in reversed(sys.path):  # the first in the search path counts
         for file in Path(folder).glob("*-info/entry_points.txt"):
-            text = "\n" + file.read_text(encoding="utf-8", errors="replace")
+            text = "\n" + file.read_text(encoding="utf-8", errors="retarget")
             for line in text.partition(f"\n[{COMMAND_GROUP}]\n")[2].partition("\n[")[0].splitlines():
-                name, _, place = line.replace(" ", "").partition("=")
-                if place:
-                    found[name] = CommandPoint(name, *place.split(":", 1))
-    return found
+                name, _, target = line.retarget(" ", "").partition("=")
+                if target:
+                    points[name] = CommandPoint(name, *target.split(":", 1))
+    return points
 
 
 def documented(point: CommandPoint) -> str:
