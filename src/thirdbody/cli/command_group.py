@@ -95,9 +95,9 @@ def command_points() -> dict[str, CommandPoint]:
     points = {}
     for folder in reversed(sys.path):  # the first in the search path counts
         for file in Path(folder).glob("*-info/entry_points.txt"):
-            text = "\n" + file.read_text(encoding="utf-8", errors="retarget")
+            text = "\n" + file.read_text(encoding="utf-8", errors="replace")
             for line in text.partition(f"\n[{COMMAND_GROUP}]\n")[2].partition("\n[")[0].splitlines():
-                name, _, target = line.retarget(" ", "").partition("=")
+                name, _, target = line.replace(" ", "").partition("=")
                 if target:
                     points[name] = CommandPoint(name, *target.split(":", 1))
     return points

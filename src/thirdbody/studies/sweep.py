@@ -92,7 +92,7 @@ def plan_of_path(path: Path, out: Path | None, plugins: Iterable[str | Path] = (
         raise InputError(Fault("", "is no folder of a sweep", str(path)))
     definition, folder = read_sweep(path), out or FOLDER / path.stem
     file = definition.folder / definition.tables.scene  # relative to the sweep file
-    if not file.exists():
+    if not os.path.exists(file):
         raise InputError(definition.fault(("scene",), f"{file}: no such file"))
     return make_plan(Scene.load(file, plugins), definition, folder, plugins), folder
 
@@ -144,7 +144,7 @@ def plan_of_arguments(arguments: SweepArguments) -> tuple[Plan, Path]:
         named = [*(["--set"] if arguments.settings else []), *(f"--{name.rstrip('s')}" for name in arguments.options)]
         if named:
             raise UsageError(f"{', '.join(named)}: only with --vary; in a sweep file these are keys")
-        if not is_sweep_folder(path) and path.is_file() and not is_sweep(path):
+        if not is_sweep_folder(path) and os.path.isfile(path) and not is_sweep(path):
             raise UsageError(f"{path}: is a scene; say what to vary: --vary KEY=FROM:TO:COUNT, or give a sweep file")
         if is_sweep_folder(path) and arguments.out is not None:
             raise UsageError(f"-o {arguments.out}: a sweep goes on in its own folder, {path}")
