@@ -92,7 +92,7 @@ class Run(RunFile):
         out : str or Path, optional
             File to write besides (.png, .pdf, .svg).
         panels : sequence of str, optional
-            Names of panels (`plot.summary_page`); None: all that apply to the run.
+            Names of panels (`plot.summary_page.NAMES`) or of series; None: all panels that apply to the run.
         frame : int
             Frame of the contacts.
 

@@ -305,6 +305,9 @@ def test_the_panels_requested_and_no_other_under_the_key_figures(run, drawn):
     assert list(drawn[0]) == ["friction", "states", "gap", "energy", "utilisation", "normal_force"]
     assert list(panels(run.plot(panels=["states", "load", "states"]))) == ["states", "load"]
     assert list(panels(page(run, ["normal_force", "friction"]))) == ["friction", "normal_force"]
+    vector, path = (axes for axes in run.plot(panels=["upper_force", "distance"]).axes if axes.lines)
+    assert [line.get_label() for line in vector.lines] == ["x", "y", "z"]
+    assert title(path) == "Distance" and path.get_ylabel() == "(\N{MICRO SIGN}m)"
     with pytest.raises(InputError, match=r"no panel 'loop' \(the plate never turns back\); it has friction, states, gap"):
         page(run, ["states", "loop"])
     with pytest.raises(UsageError, match="no panel is called 'frction': there are " + ", ".join(NAMES)):

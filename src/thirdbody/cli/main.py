@@ -174,7 +174,9 @@ def render(
 def plot(
     run: Annotated[Path, typer.Argument(metavar="RUN|SWEEP", help="run folder or its run.vtkhdf, or folder of a sweep")],
     out: Annotated[Path, typer.Option("--out", "-o", help="picture file: .png, .pdf or .svg")] = Path("plot.png"),
-    panel: Annotated[list[str] | None, typer.Option("--panel", metavar="NAME", help="panel [all]; may be repeated")] = None,
+    panel: Annotated[
+        list[str] | None, typer.Option("--panel", metavar="NAME", help="panel, or a series of the run [all that apply]")
+    ] = None,
     frame: Annotated[int, typer.Option("--frame", help="frame of the contacts, negative from the end")] = -1,
     x: Annotated[str | None, typer.Option("--x", metavar="KEY", help="sweep: axis of the picture")] = None,
     y: Annotated[str | None, typer.Option("--y", metavar="KEY", help="sweep: second axis, of curves or a map")] = None,

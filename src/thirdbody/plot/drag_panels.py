@@ -219,6 +219,20 @@ def _draw_line(axes: Axes, data: RunData, values: np.ndarray, unit: str, name: s
         axes.set_ylim(min(0.0, 1.1 * low), max(0.0, 1.1 * high))
 
 
+def series_panel(name: str, unit: str) -> Panel:
+    """Return the panel of one series of a run; a vector has three lines."""
+
+    def draw(axes: Axes, data: RunData) -> None:
+        factor, label = (1.0, "") if unit == "1" else unit_for(data.name(name), unit)
+        for values, axis, color in zip(np.atleast_2d(data.name(name).T), "xyz", ("vermilion", "green", "blue"), strict=False):
+            axes.plot(data.x, values / factor, color=LINES[color], linewidth=1.4, label=axis)
+        if data.series[name].ndim == 1:
+            axes.lines[0].set(color=LINES["black"], label="_")
+        label_axis(axes, data, f"({label})" if label else "")
+
+    return Panel(name, lambda data: "", lambda data: name.replace("_", " ").capitalize(), draw, 1.4)
+
+
 def _changes(values: np.ndarray) -> bool:
     return bool(np.nanmax(np.abs(values - values[0])) > NOTHING * abs(values[0]))
 

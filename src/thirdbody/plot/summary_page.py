@@ -36,28 +36,20 @@ PANELS = {panel.name: panel for panel in (*drag_panels.PANELS, *bed_panels.PANEL
 def plot(run_path: str | Path, out: str | Path, panels: Sequence[str] | None = None, frame: int = -1) -> Path:
     """Write the page of a run, or the panels named, as .png, .pdf or .svg; return its path.
 
-    `frame` is the frame of the contacts. Raises UsageError for another suffix or an unknown panel, InputError when the run, the
-    frame or the data of a panel are missing, OutputError when the file cannot be written (no partial file remains).
+    A panel is one of `NAMES`, or a series of the run. `frame` is the frame of the contacts. Raises UsageError for another suffix
+    or an unknown panel, InputError when the run, the frame or the data of a panel are missing, OutputError when no file can be
+    written (no partial file remains).
     """
     out = checked_path(out)
-    check_names(panels)
     with open_run(run_path) as run:
         save(page(run, panels, frame), out)
     return out
 
 
-def check_names(names: Sequence[str] | None) -> None:
-    """Raise UsageError for an unknown panel, and for a text in place of a list."""
-    if isinstance(names, str):
-        raise UsageError(f"panels = {names!r}: must be a list of names")
-    for name in names or ():
-        if name not in NAMES:
-            raise UsageError(f"no panel is called '{name}': there are {', '.join(NAMES)}")
-
-
 def page(run: RunFile, panels: Sequence[str] | None = None, frame: int = -1) -> Figure:
     """Return the page as a matplotlib figure: the panels named, or all that apply to the run. Raises like `plot`."""
-    check_names(panels)
+    if isinstance(panels, str):
+        raise UsageError(f"panels = {panels!r}: must be a list of names")
     if not run.frames:
         raise InputError(f"{run.path}: nothing to plot: no frame was written yet")
     try:
@@ -66,8 +58,13 @@ def page(run: RunFile, panels: Sequence[str] | None = None, frame: int = -1) -> 
         raise InputError(str(error)) from None
     missing = {name: PANELS[name].missing(data) for name in NAMES}
     there = [name for name in NAMES if not missing[name]]
+    series = {
+        name: drag_panels.series_panel(name, run.units[name]) for name in panels or () if name in data.series.keys() - PANELS
+    }
     for name in panels or ():
-        if missing[name]:
+        if name not in PANELS | series:
+            raise UsageError(f"no panel is called '{name}': there are {', '.join(NAMES)}; nor is a series of the run")
+        if missing.get(name):
             names = ", ".join(there) or "none"
             raise InputError(f"{run.path}: this run has no panel '{name}' ({missing[name]}); it has {names}")
     if not there:
@@ -75,7 +72,7 @@ def page(run: RunFile, panels: Sequence[str] | None = None, frame: int = -1) -> 
     # where the scene prescribes the gap, the load is a result
     gap_is_set = data.scene.get("plates", {}).get("upper", {}).get("gap") is not None
     wanted = panels or [name for name in there if name != ("gap" if gap_is_set and "load" in there else "load")]
-    return _compose(data, [PANELS[name] for name in dict.fromkeys(wanted)])
+    return _compose(data, [(PANELS | series)[name] for name in dict.fromkeys(wanted)])
 
 
 def headline(data: RunData) -> list[str]:
