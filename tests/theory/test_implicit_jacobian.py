@@ -268,7 +268,8 @@ def test_spots_that_interact_have_the_jacobian_of_all_of_them():
     """Three spots on the lower plate, one above. Left out is the change of the forces along the plate, N^2 g/r^2 of 3 N/2d."""
     offsets, near = OFFSETS.copy(), 0.05
     offsets[:3, 2] = -0.6, -0.59, -0.6
-    given = flat_tables() | {"offsets": offsets, "interaction": np.array([near, near, STIFF]), "spots_part": plain(spots_part)}
+    given = flat_tables() | {"offsets": offsets, "interaction": np.array([near, near, STIFF]), "spots_part": plain(spots_part),
+             "body": np.zeros(len(offsets), np.int32)}  # fmt: skip
     errors = jacobian_errors(given, STEPS[1:2])
     # g N/d is 1.5 % of the overlap: without the interaction in the Jacobian it would be off by that
     assert errors.max() < 1e-4, errors
