@@ -203,8 +203,10 @@ class _Folding(ast.NodeTransformer):
         self._known = known
 
     def _value(self, node: ast.AST) -> Any:
-        names = {part.id for part in ast.walk(node) if isinstance(part, ast.Name)}
-        if not isinstance(node, ast.expr) or not names or not names <= self._known.keys():
+        if not isinstance(node, ast.expr):
+            return None
+        names = [part.id for part in ast.walk(node) if isinstance(part, ast.Name)]
+        if not names or not all(name in self._known for name in names):
             return None
         return eval(compile(ast.Expression(node), "<constants>", "eval"), dict(self._known))
 
