@@ -85,6 +85,8 @@ def short(name: str | None) -> str | None:
     return name if name is None or len(name) <= 250 else f"{name[:247]}..."
 
 
+PLUGIN_FILE = "one in a file needs --plugin FILE (in Python plugins=[FILE])"
+
 MAX_REPORTED = 200
 """Largest number of faults in one message; `InputError.faults` has all of them."""
 

@@ -176,6 +176,10 @@ def test_the_recommended_variant_is_the_fastest_that_is_good_enough(made):
     set_errors(made, label_difference=0.2)  # without a good one the most accurate one is named
     best, words = cost.recommended(made)
     assert best.variant.name == "exact" and "no variant is within 1 %" in words
+    for entry, error in zip(made.rows, (0.2, 0.015, 0.016, 0.016, 0.0152, 0.3), strict=False):
+        entry.errors |= {"friction_error": error, "label_difference": 0.0}
+    best, words = cost.recommended(made)  # of equal ones not a dearer one than the scene's own
+    assert best is made.default and words.endswith("no variant is within 1 % of `exact, step /4` in friction and labels")
     set_errors(made, friction_error=NAN)  # without a drag
     assert cost.figure_of_merit(made) == "load_error"
 

@@ -81,7 +81,8 @@ ONE_FAULT = [
     ('["0 m/s2", "0 m/s2", "-9.81 m/s2"]', '"9.81 m/s2"', "35:1: effects.gravity: expected a list of 3 values, got '9.81 m/s2'"),
     # choices
     ('"irregular"', '"irregulr"',
-     "13:1: debris[0].kind: 'irregulr' is not one of 'irregular', 'spheres', 'mesh', 'spots', 'file', 'spheroid'"),
+     "13:1: debris[0].kind: 'irregulr' is not one of 'irregular', 'spheres', 'mesh', 'spots', 'file', 'spheroid'; one in a file "
+     "needs --plugin FILE (in Python plugins=[FILE])"),
     ('"load_per_particle"', '"foo"',
      "26:1: plates.upper.support: 'foo' is not one of 'rigid', 'foundation', 'load_per_particle'"),
     # known to the file format, but not yet

@@ -11,7 +11,7 @@ import numpy as np
 from thirdbody.assembly.option_values import effect_values, option_values, pair_value_faults
 from thirdbody.assembly.schedule import chosen_memory
 from thirdbody.engine.state import Measures, Physics
-from thirdbody.errors import Fault, InputError, UsageError, nearest, short
+from thirdbody.errors import PLUGIN_FILE, Fault, InputError, UsageError, nearest, short
 from thirdbody.laws.compose import Chain, compose, compose_effects, compose_labeller
 from thirdbody.laws.contract import BodyEffect, Labeller, Law, LawFamily, Material, Pair, SpotInteraction
 from thirdbody.laws.data import EXPLICIT, FULL, IMPLICIT
@@ -24,8 +24,6 @@ from thirdbody.scene.model import Scene
 
 MAX_CELLS = 4_000_000
 """Largest number of cells of a map: it is written with every frame, 8 bytes each."""
-
-PLUGIN_FILE = "one in a file needs --plugin FILE (in Python plugins=[FILE])"
 
 Values = Mapping[str, Mapping[str, Any]]
 """Options in SI by the name of a law, an effect or a measure."""

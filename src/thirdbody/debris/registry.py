@@ -15,7 +15,7 @@ from pydantic_core import core_schema
 
 from thirdbody import debris
 from thirdbody.debris.contract import DebrisKind
-from thirdbody.errors import UsageError
+from thirdbody.errors import PLUGIN_FILE, UsageError
 from thirdbody.schema.fields import Schema
 from thirdbody.schema.parts import table_by_kind
 
@@ -151,7 +151,9 @@ class _DebrisTable:
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
         def read(value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
-            return value if isinstance(value, DebrisKind) else table_by_kind(value, info, "kind", kinds_of(info.context))
+            if isinstance(value, DebrisKind):
+                return value
+            return table_by_kind(value, info, "kind", kinds_of(info.context), f"; {PLUGIN_FILE}")
 
         union = core_schema.union_schema([handler.generate_schema(kind) for kind in built_in().values()])
         anything = core_schema.any_schema()

@@ -194,7 +194,7 @@ def conformance_report(files: Sequence[Path], json: bool) -> None:
     if json:
         print_json([finding.__dict__ for finding in findings])
     else:
-        print(report(findings))
+        print(report(findings) if findings else "nothing to test: no law, effect, measure or labeller; see `thirdbody shapes`")
     failed = [finding for finding in findings if not finding.passed]
     if failed:
         raise UsageError(f"{len(failed)} of {len(findings)} conformance tests failed")

@@ -217,8 +217,11 @@ def _nan_locations(value: Any, location: Location = ()) -> list[Location]:
 Kinds = Mapping[str, type[Part]]
 
 
-def table_by_kind(value: Any, info: ValidationInfo, key: str, kinds: Kinds) -> Part:
-    """Return one table, of the class that its key names. Raises ValueError, or ValidationError with the faults of that class."""
+def table_by_kind(value: Any, info: ValidationInfo, key: str, kinds: Kinds, hint: str = "") -> Part:
+    """Return one table, of the class that its key names. Raises ValueError, or ValidationError with the faults of that class.
+
+    `hint`: what else may be wrong where no class has the name.
+    """
     if not isinstance(value, Mapping):
         raise ValueError(f"expected a table, got {show(value)}")
     if value.get(key) is None:
@@ -227,7 +230,7 @@ def table_by_kind(value: Any, info: ValidationInfo, key: str, kinds: Kinds) -> P
     try:
         kind = kinds[choose(value[key], kinds)]
     except ValueError as error:
-        raise bundle([((key,), str(error))]) from None
+        raise bundle([((key,), f"{error}{hint}")]) from None
     return kind.model_validate(value, context=info.context)
 
 

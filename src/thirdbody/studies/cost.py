@@ -175,7 +175,8 @@ def speed_error(built: Study) -> tuple[float, float]:
 def recommended(built: Study) -> tuple[Row, str]:
     """Return the recommended variant, and the reason in words.
 
-    The fastest of those whose friction is right to 1 % and that change at most 1 % of the labels, else the most accurate one.
+    The fastest of those whose friction is right to 1 % and that change at most 1 % of the labels, else of the most accurate ones,
+    whose errors differ by less than a quarter.
     Times within their spread, or that differ by less than a quarter, are equal: of such variants the scene's own is
     preferred, else the most accurate one. Where runs from starts 1e-9 apart differ by more than 1 %, the mean friction and the
     shares of the states decide, and errors below that scatter are equal. A run whose bodies do not meet is reported separately.
@@ -186,8 +187,10 @@ def recommended(built: Study) -> tuple[Row, str]:
     labels = "state_fraction_error" if is_chaotic(built) else "label_difference"
     limit = max(SAME, built.scatter.get(labels, 0.0))
     good = [row for row in close if not row.errors[labels] > limit]
-    ties = _ties(good)
-    best = min(ties or choices or [built.reference], key=lambda row: (significant_error(built, row, merit), row.seconds))
+    least = min((significant_error(built, row, merit) for row in choices), default=0.0)
+    nearest = [row for row in choices if significant_error(built, row, merit) <= (1.0 + GAIN) * least]
+    ties = _ties(good or [row for row in nearest if not row.errors[labels] > limit] or nearest)
+    best = min(ties or [built.reference], key=lambda row: (significant_error(built, row, merit), row.seconds))
     row = default if default is not None and default in ties else best
     own = ", the variant of the scene," if row is default else ""
     words = [f"`{row.variant.name}`{own} gives {percent(row.errors[merit])} {merit_in_words(built)} error"]
@@ -199,7 +202,7 @@ def recommended(built: Study) -> tuple[Row, str]:
     if good and equal:
         words.append(f"; {', '.join(equal)} take{'s' if len(equal) == 1 else ''} the same time within the spread")
     if not good:
-        words.append("; no variant is within 1 % in both: bodies that tip make the rest")
+        words.append(f"; no variant is within 1 % of `{built.reference.variant.name}` in {merit_in_words(built)} and labels")
     alone = next((other for other in built.rows if other.variant.axis == "meeting" and other.stable), None)
     if alone is not None and default is not None and default.stable:
         words.append(f"; without contact between bodies (contact.debris_contact = \"none\") {merit_in_words(built)} is off by "
