@@ -187,8 +187,8 @@ def recommended(built: Study) -> tuple[Row, str]:
     labels = "state_fraction_error" if is_chaotic(built) else "label_difference"
     limit = max(SAME, built.scatter.get(labels, 0.0))
     good = [row for row in close if not row.errors[labels] > limit]
-    least = min((significant_error(built, row, merit) for row in choices), default=0.0)
-    nearest = [row for row in choices if significant_error(built, row, merit) <= (1.0 + GAIN) * least]
+    smallest = min((significant_error(built, row, merit) for row in choices), default=0.0)
+    nearest = [row for row in choices if significant_error(built, row, merit) <= (1.0 + GAIN) * smallest]
     ties = _ties(good or [row for row in nearest if not row.errors[labels] > limit] or nearest)
     best = min(ties or [built.reference], key=lambda row: (significant_error(built, row, merit), row.seconds))
     row = default if default is not None and default in ties else best
