@@ -99,7 +99,8 @@ def command_points() -> dict[str, CommandPoint]:
             for line in text.partition(f"\n[{COMMAND_GROUP}]\n")[2].partition("\n[")[0].splitlines():
                 name, _, target = line.replace(" ", "").partition("=")
                 if target:
-                    points[name] = CommandPoint(name, *target.split(":", 1))
+                    module, _, attr = target.partition(":")  # without `attr` the command is broken, not the program
+                    points[name] = CommandPoint(name, module, attr)
     return points
 
 
