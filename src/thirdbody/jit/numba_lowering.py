@@ -90,6 +90,8 @@ def _prune(function: Any) -> None:
 class _Lower(lowering.Lower):  # type: ignore[misc]
     """numba's lowering to LLVM, except for accesses to tables and for variables that never change."""
 
+    FROM_END = True  # whether a variable may be negative as an index, to count from the end
+
     def setup_function(self, fndesc: Any) -> None:
         super().setup_function(fndesc)
         self.builder = _Builder(self.entry_block)
@@ -119,13 +121,14 @@ class _Lower(lowering.Lower):  # type: ignore[misc]
             position = b.extract_value(index, k) if isinstance(index_type, types.BaseTuple) else index
             position = self.context.cast(b, position, kind, types.intp)
             length = None
-            if not (isinstance(position, llvm.Constant) and position.constant >= 0) and kind.signed:
+            known = isinstance(position, llvm.Constant)
+            if kind.signed and (position.constant < 0 if known else self.FROM_END):
                 length = b.extract_value(shape, k)
                 position = b.select(b.icmp_signed("<", position, position.type(0)), b.add(position, length), position)
             if at is not None:
                 position = b.add(b.mul(at, b.extract_value(shape, k) if length is None else length), position)
             at = position
-        return b.gep(b.extract_value(table, fields.get_field_position("data")), [at])
+        return b.gep(b.extract_value(table, fields.get_field_position("data")), [at], inbounds=True)
 
     def lower_getitem(self, resty: Any, expr: Any, value: Any, index: Any, signature: Any) -> Any:
         kind = self.typeof(value.name)
@@ -178,7 +181,7 @@ class _Lower(lowering.Lower):  # type: ignore[misc]
             pointer, stop, step, count = (b.extract_value(value, k) for k in range(4))
             if isinstance(count, llvm.Constant) and isinstance(step, llvm.Constant):
                 now = b.load(pointer)
-                b.store(b.add(now, step), pointer)
+                b.store(b.add(now, step, flags=("nsw",)), pointer)
                 return self._struct(resty, (now, b.icmp_signed("<" if step.constant > 0 else ">", now, stop)))
         if isinstance(kind, types.Pair) and isinstance(kind.first_type, PLAIN):  # nothing that is counted
             return b.extract_value(value, 0 if expr.op == "pair_first" else 1)
@@ -241,3 +244,15 @@ def _lasting(blocks: dict[int, Any]) -> set[str]:
 class ShortLowering(typed_passes.BaseNativeLowering):  # type: ignore[misc]
     _name = "short_lowering"  # type: ignore[assignment]
     lowering_class = _Lower  # type: ignore[assignment]
+
+
+class _KernelLower(_Lower):
+    FROM_END = False
+
+
+@compiler_machinery.register_pass(mutates_CFG=True, analysis_only=False)
+class KernelLowering(typed_passes.BaseNativeLowering):  # type: ignore[misc]
+    """The same for kernels: none of their variables is negative as an index."""
+
+    _name = "kernel_lowering"  # type: ignore[assignment]
+    lowering_class = _KernelLower  # type: ignore[assignment]

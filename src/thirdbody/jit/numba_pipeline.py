@@ -17,7 +17,7 @@ from numba import types
 from numba.core import codegen, compiler, compiler_machinery, event, ir, targetconfig, typed_passes
 from numba.core.typing import signature
 
-from thirdbody.jit.numba_lowering import ShortLowering, plain_extreme
+from thirdbody.jit.numba_lowering import KernelLowering, ShortLowering, plain_extreme
 
 TESTED = ("0.67.", "0.68.")  # prefixes of the versions of numba whose internals are known
 
@@ -196,7 +196,7 @@ class Own(compiler.CompilerBase):  # type: ignore[misc]
 
     def define_pipelines(self) -> list[Any]:
         manager = compiler_machinery.PassManager("own")
-        own = {"NativeLowering": ShortLowering, "NumbersOfModules": NumbersOfModules}
+        own = {"NativeLowering": KernelLowering, "NumbersOfModules": NumbersOfModules}
         for name in PASSES:
             manager.add_pass(own.get(name) or getattr(compiler, name), name)
         manager.finalize()

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit, types
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.jit.simd import LANES, broadcast, clamp_below, get, store, transpose
+from thirdbody.jit.simd import LANES, broadcast, clamp_below, get, put, store, transpose
 from thirdbody.kernels.tables import contact_state
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output
 
@@ -129,7 +129,7 @@ def keep(low, high, p, closed, new):
     return p
 
 
-@njit(**BARE_CHUNK)
+@njit(**BARE)
 def broadcast_parameters(I, n_contacts, pairs, width, U):  # noqa: E741
     """Copy the row of `pairs` of each contact's pair type to its element in U; mostly all contacts are of one type."""
     first, alike = I[law_input.PAIR_TYPE * TILE], True
@@ -137,11 +137,16 @@ def broadcast_parameters(I, n_contacts, pairs, width, U):  # noqa: E741
         alike &= I[q + law_input.PAIR_TYPE * TILE] == first
     if alike:
         for f in range(width):
-            value = pairs[int(first) * width + f]
-            for q in range(n_contacts):
-                U[f * TILE + q] = value
+            value = broadcast(pairs[int(first) * width + f])
+            for q in range(0, n_contacts, LANES):
+                put(U, f * TILE + q, value)
     else:
-        for q in range(n_contacts):
-            o = int(I[q + law_input.PAIR_TYPE * TILE]) * width
-            for f in range(width):
-                U[f * TILE + q] = pairs[o + f]
+        mixed_parameters(I, n_contacts, pairs, width, U)
+
+
+@njit(**BARE_CHUNK)
+def mixed_parameters(I, n_contacts, pairs, width, U):  # noqa: E741
+    for q in range(n_contacts):
+        o = int(I[q + law_input.PAIR_TYPE * TILE]) * width
+        for f in range(width):
+            U[f * TILE + q] = pairs[o + f]
