@@ -1,7 +1,12 @@
-"""Our way through numba gives what numba's own gives: every function here is compiled by both."""
+"""Our way through numba gives what numba's own gives: every function here is compiled by both. Only a variable that is negative
+as an index counts from the end no more in kernels, and in them none is."""
 
 import itertools
 import math
+import os
+import subprocess
+import sys
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -9,7 +14,7 @@ import pytest
 from numba import njit
 from numba.core.runtime import _nrt_python, rtsys
 
-from thirdbody.jit.options import CHUNK, OPTIONS
+from thirdbody.jit.options import CHUNK, HELPER, OPTIONS
 
 NUMBERS = np.array([3.5, -1.0, 0.0, -0.0, math.nan, math.inf, 7.25, -2.5])
 
@@ -18,9 +23,9 @@ def uncached(options):
     return {key: value for key, value in options.items() if key != "cache"}
 
 
-def ours(function):
+def ours(function, options=CHUNK):
     """Compiled as our kernels are: inside another, since inner kernels have no machine code of their own."""
-    inner = njit(**CHUNK)(function)
+    inner = njit(**options)(function)
 
     @njit(**uncached(OPTIONS))
     def outer(*arguments):
@@ -35,9 +40,8 @@ def written(table):
         row = table[i]
         row[-1] += 1.0
         table[i, 0] = table[i, 1] - i
-        total = 2.0 * total + table[-i, 1]
     short = table.reshape(table.size, 1)  # rows of length one, an index without a sign, numbers of four bytes
-    for place in np.array([1, -1, 0], np.int32):
+    for place in np.array([1, 3, 0], np.int32):
         total += short[place, 0] * (1 + place) + short[np.uint8(2), 0]
     return total, table.sum()
 
@@ -47,6 +51,63 @@ def test_tables_are_read_and_written_as_numba_does():
     mine, other = table.copy(), table.copy()
     assert ours(written)(mine) == njit(error_model="numpy")(written)(other)
     assert np.array_equal(mine, other)
+
+
+def test_functions_of_plugins_count_from_the_end():
+    def backwards(table):
+        total = 0.0
+        for i in range(table.shape[0]):
+            total = 2.0 * total + table[-i, i - 2]
+        return total
+
+    table = np.random.default_rng(4).normal(size=(4, 4))
+    assert ours(backwards, HELPER)(table) == backwards(table)
+
+
+NEVER_NEGATIVE = """
+import subprocess, sys
+from llvmlite import ir as llvm
+from numba.core import cgutils, types
+from thirdbody.engine import units
+from thirdbody.jit import numba_lowering
+
+usual = numba_lowering._KernelLower._pointer
+
+def checked(self, table, table_type, index, index_type):
+    b, several = self.builder, isinstance(index_type, types.BaseTuple)
+    for k, kind in enumerate(index_type if several else [index_type]):
+        position = b.extract_value(index, k) if several else index
+        if isinstance(kind, types.Integer) and kind.signed and not isinstance(position, llvm.Constant):
+            with b.if_then(b.icmp_signed("<", position, position.type(0)), likely=False):
+                stop = llvm.FunctionType(llvm.VoidType(), [])
+                b.call(cgutils.get_or_insert_function(b.module, stop, "llvm.trap"), [])
+    return usual(self, table, table_type, index, index_type)
+
+numba_lowering._KernelLower._pointer = checked
+units._helper = lambda *_: subprocess.Popen([sys.executable, "-c", ""])  # this process compiles all
+import thirdbody
+from reference_scenes import SCENES, tables_of
+for name in sys.argv[1:]:
+    print(name, flush=True)
+    thirdbody.run(thirdbody.Scene.of(tables_of(SCENES[name])), name)
+"""
+
+
+@pytest.mark.full(kind="slow")
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("explicit_mdr_rolling", "bed_profiles", "explicit_gap_closing"), ("islands_mdr_stroke", "ensemble_mdr"),
+        ("common_plate_islands_foundation", "close_spots"), ("rough_common_plate", "maps_implicit"),
+        ("adhesion_jkr", "elastic_plastic_implicit"),
+    ],
+)  # fmt: skip
+def test_no_kernel_counts_from_the_end(names, tmp_path):
+    scenes = str(Path(__file__).parents[1] / "bench")
+    changes = {"THIRDBODY_CACHE": str(tmp_path / "cache"), "NUMBA_OPT": "1", "PYTHONPATH": scenes}
+    command = [sys.executable, "-W", "ignore", "-c", NEVER_NEGATIVE, *names]
+    done = subprocess.run(command, env=os.environ | changes, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_extremes_order_nan_and_signs_of_zero_as_python_does():

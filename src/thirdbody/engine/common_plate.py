@@ -27,7 +27,6 @@ from thirdbody.kernels.tables import LOWER, contact_state, patch, record, run_to
 CONVERGED, ROUNDS = 1e-8, 30
 """Tolerance of the residual force on the plate over its load and the bodies' forces; maximum corrections of its rise."""
 
-
 Step = tuple[float, float, float]  # step of the plate: rise [m]; velocity [m/s] and acceleration [m/s2] at its end
 
 

@@ -301,7 +301,6 @@ FIELDS = 4  # numbers of `Spots` per contact
 FLOOR = 1e-9
 """Overlap that laws see of a spot that is relieved wholly, over the whole one: tangents would be infinite at none at all."""
 
-
 Spots = namedtuple("Spots", "relief force pull_x pull_y rows")
 """Of each spot: relief [m], normal force [N], force along the plate on the sphere [N]; and scratch (`scratch_of`)."""
 

@@ -39,7 +39,6 @@ FLATTEST = 0.01
 """Smallest (R/R_eff)^2: in a hollow nearly as narrow as itself a sphere has at most ten times its own radius. It is approached
 from twice that on, so that its derivatives do not jump."""
 
-
 Foot = namedtuple("Foot", "x y distance normal jet inverse evaluations")
 """A local minimum of the distance between a point and the surface: x, y from straight below the point, the same in every period;
 distance, negative below the surface; unit normal, upwards; jet there; M (xx, xy, yy); number of evaluations of the surface."""

@@ -26,7 +26,6 @@ RAMP = 0.05
 """In units of a cell: within this distance of its border the third derivatives go over into those of the next cell
 (`rounded_jet`)."""
 
-
 Jet = namedtuple("Jet", "h x y xx xy yy xxx xxy xyy yyy")  # height of a surface and its derivatives at a point
 
 

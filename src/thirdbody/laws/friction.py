@@ -22,10 +22,8 @@ Elastic = namedtuple("Elastic", "stiffness stiffness_rate limit limit_rate criti
 """Spring of a law under its load: stiffness [N/m] and its rate with the overlap [N/m2]; limit [N] and rate [N/m]; slip of first
 sliding [m]; whether there is friction at all."""
 
-
 Renewing = namedtuple("Renewing", "rate falls")
 """Renewal of a rolling contact area per contact radius of travel, and its relative decrease with the overlap [1/m]."""
-
 
 GROUND = ("offset_x", "offset_y", "reach")
 

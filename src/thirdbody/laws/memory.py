@@ -37,7 +37,6 @@ def retained_energy(options: Options) -> float:
 Spring = namedtuple("Spring", "x y slip stored dissipated")
 """A spring after a step: force on the owner [N]; slip at the limit [m]; elastic and dissipated energy [J]."""
 
-
 Retained = namedtuple("Retained", "x y x_rate y_rate")
 """Force [N] that a contact area keeps as it shrinks, and its derivative by the overlap [N/m]."""
 
@@ -128,10 +127,8 @@ def friction_tangent(x, y, limit, limit_rate, stiffness, x_rate, y_rate):
 Ring = namedtuple("Ring", "width x y")
 """Part of the contact area: width in stiffness [N/m], displacement [m] with the sign of its force on the owner."""
 
-
 Rings = namedtuple("Rings", "inner outer open x y energy edge_x edge_y")
 """Rings of a contact area, from inside; force [N] and energy [J] of all; the ring that is cut at the edge of the area."""
-
 
 HISTORY = ("force_x", "force_y", "energy", "stiffness", "open", "outer", "outer_x", "outer_y", "inner", "inner_x", "inner_y")
 """With one closed ring the first eight. `stiffness`: of the last step, negative after a fall; `open` and so on: widths."""

@@ -28,13 +28,11 @@ from thirdbody.kernels.vectors import box_of, image
 
 Array = np.ndarray
 
-
 FIELDS = ("own", "partner", "kind", "edges", "incidence", "body", "S", "B", "E", "orientations", "P", "Q", "D", "pairs")
 
 Assembly = namedtuple("Assembly", ("n_plates", *FIELDS))  # type: ignore[misc]
 """Number of candidates with plates, which come first; then bodies, patches and candidates by their names in
 `arguments.Context`. Usable as a context of `contact_geometry`."""
-
 
 Horizon = namedtuple("Horizon", "time limit v_x v_y")
 """Time until the bound is computed again [s], largest new depth until then over the radius, velocity of the upper plate [m/s]."""

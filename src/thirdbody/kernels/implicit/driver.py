@@ -183,15 +183,12 @@ _WORDS = first_words(KINDS)
 H_ADDRESS, R_ADDRESS, S_ADDRESS = (_WORDS[name] for name in ("H", "R", "S"))
 """Words of the packed arguments that hold the addresses of the tables that exist for one body at a time."""
 
-
 changing_context_of = make_unpacker(Unpacked(KINDS, ImplicitContext, changing=True))
 
 advance_at = function_at(ADVANCE)
 
-
 Span = namedtuple("Span", "first last low high advance")
 """Bodies `first` to `last` - 1 of a batch, of which `low` to `high` - 1 are advanced; address of `driver.advance_islands`."""
-
 
 OneBody = namedtuple("OneBody", "H R S radii")
 """Tables with room for the candidates and the spheres of any body; radii of all spheres, or none where spheres are kept."""

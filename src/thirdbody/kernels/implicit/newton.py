@@ -44,11 +44,9 @@ AT_LIMIT, BACK = 1.0 - 1e-9, 0.05
 """A contact slips if its squared tangential force reaches this fraction of the squared limit; fraction of the critical slip by
 which a correction may reverse it."""
 
-
 IterationLimits = namedtuple("IterationLimits", "iterations leaps halvings")
 """Maximum iterations, beyond which two half steps are cheaper; corrections accepted although the residual grows, where contacts
 change between stick and slip; and halvings of one correction."""
-
 
 ALONE = IterationLimits(10, 4, 0)
 """Of one body. Halving instead of leaping: of 1000 clumps that slide 100 um half as many steps fail without, in a third fewer

@@ -19,7 +19,6 @@ from thirdbody.laws.hertz import HERTZ, HertzParameters
 ROUND_OFF = 1e-9  # energy due to round-off over all the work done: some hundred steps of 1e-16, amplified by friction of 1e9
 FASTER = 2.0  # factor by which four times finer steps must reduce a truncation error: order 1 gives 4, kinks cost some of it
 
-
 SLOPE = 20.0  # contact radius over overlap of the cone
 
 
