@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit, types
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.jit.simd import LANES, broadcast, clamp_below, get, put, store, transpose
+from thirdbody.jit.simd import LANES, broadcast, clamp_below, get, store, transpose
 from thirdbody.kernels.tables import contact_state
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output
 
@@ -137,9 +137,10 @@ def broadcast_parameters(I, n_contacts, pairs, width, U):  # noqa: E741
         alike &= I[q + law_input.PAIR_TYPE * TILE] == first
     if alike:
         for f in range(width):
-            value = broadcast(pairs[int(first) * width + f])
+            value = pairs[int(first) * width + f]
             for q in range(0, n_contacts, LANES):
-                put(U, f * TILE + q, value)
+                for k in range(LANES):
+                    U[f * TILE + q + k] = value
     else:
         mixed_parameters(I, n_contacts, pairs, width, U)
 
