@@ -1,6 +1,6 @@
 """What does a body of an island cost? Implicit steps against the number of bodies that are solved together.
 
-    python tests/bench/island_sizes.py [--json FILE] [--sizes N N ...] [--shapes chain 0.5 0.6 ...] [--path UM]
+    python tests/bench/island_sizes.py [--sizes N N ...] [--shapes chain 0.5 0.6 ...] [--path UM]
 
 The bodies of an island are solved together, in steps that are short enough for each of them: a body costs the more the larger its
 island is. An island is a *chain* of balls in a row, each a hundredth of its radius from the next, or the clumps of
@@ -12,23 +12,19 @@ the ratio. Seconds are those of the processor, on one thread.
 """
 
 import argparse
-import json
 import statistics
 import time
-from pathlib import Path
 from typing import Any
 
-from ensemble import Case, scene_of, time_explicit, warm_up
-from machine import machine, screen
+from machine import screen
+from slow_sliding import Case, scene_of, time_explicit, warm_up
 
 import thirdbody
 from thirdbody.engine import meeting
 from thirdbody.errors import ThirdbodyError
-from thirdbody.kernels.step_tables import step_memory
 from thirdbody.kernels.tables import run_totals
 from thirdbody.runner.simulate import prepare, set_threads
 
-SIZES, SHAPES = [10, 30, 100, 300, 600, 1000, 2000], ["chain", "0.5"]
 SPEED, PATH, EVERY = 1e-3, 0.4e-6, 0.02e-6
 SEEDS, PATIENCE = 5, 20.0
 """Islands of one size at most, of different bodies: in some a body chatters, with a thousand times as many steps. Processor
@@ -68,7 +64,7 @@ def island(shape: str, bodies: int, seed: int) -> thirdbody.Scene:
 def measure(shape: str, bodies: int, path: float, gap: float) -> dict[str, Any]:
     seeds = 1 if shape == "chain" else max(1, min(SEEDS, 500 // bodies))
     rows = [one(shape, bodies, path, gap, seed) for seed in range(1, seeds + 1)]
-    return rows[0] | {name: statistics.median(row[name] for row in rows) for name in rows[0] if name not in ("shape", "bodies")}
+    return {name: statistics.median(row[name] for row in rows) for name in rows[0]}
 
 
 def one(shape: str, bodies: int, path: float, gap: float, seed: int) -> dict[str, Any]:
@@ -76,52 +72,34 @@ def one(shape: str, bodies: int, path: float, gap: float, seed: int) -> dict[str
     integrator = simulation.integrator
     set_threads(1)
     meeting.MARGIN = 1.0 if shape == "chain" else gap / integrator.stride
-    began = time.process_time()
     integrator.advance_to(simulation.settle)
-    settled = time.process_time()
-    before, distance, wide = _counts(integrator), 0.0, 0
-    while distance < path - 0.5 * EVERY and time.process_time() - settled < PATIENCE:
+    began, before, distance, wide = time.process_time(), integrator.totals[:, run_totals.STEPS].sum(), 0.0, 0
+    while distance < path - 0.5 * EVERY and time.process_time() - began < PATIENCE:
         distance += EVERY
         integrator.advance_to(distance=distance)
         wide = max(wide, int(integrator.islands.tables.widths.max(initial=0)))
-    seconds = time.process_time() - settled
-    steps, tries, iterations = (late - early for late, early in zip(_counts(integrator), before, strict=True))
+    seconds, steps = time.process_time() - began, float(integrator.totals[:, run_totals.STEPS].sum() - before)
     summary = integrator.summary()
     return {
-        "shape": shape, "bodies": bodies, "largest": summary["islands"]["largest"], "half_width": wide,
-        "fraction_of_bodies": summary["islands"]["fraction_of_bodies"], "path_um": 1e6 * distance,
-        "steps_per_um": steps / bodies / (1e6 * distance), "tries_per_step": tries / steps,
-        "iterations_per_try": iterations / tries, "us_per_step_and_body": 1e6 * seconds / steps,
-        "s_per_body_um": seconds / bodies / (1e6 * distance), "settle_s": settled - began, "slide_s": seconds,
-        "unsolved": len(summary["unsolved"]),
+        "largest": summary["islands"]["largest"], "half_width": wide, "path_um": 1e6 * distance,
+        "steps_per_um": steps / bodies / (1e6 * distance), "us_per_step_and_body": 1e6 * seconds / steps,
+        "s_per_body_um": seconds / bodies / (1e6 * distance), "unsolved": len(summary["unsolved"]),
     }  # fmt: skip
-
-
-def _counts(integrator: Any) -> list[float]:
-    columns = (integrator.memory[:, column] for column in (step_memory.TRIES, step_memory.ITERATIONS))
-    return [float(column.sum()) for column in (integrator.totals[:, run_totals.STEPS], *columns)]
-
-
-def explicit_seconds(shape: str) -> float:
-    """Return the processor seconds per body and um of the explicit engine at 1 mm/s; a chain costs a sphere of a layer each."""
-    fraction = 0.3 if shape == "chain" else float(shape)
-    row = time_explicit(Case("explicit", "mindlin", SPEED, 300, PATH, EVERY, fraction), 3, 1.0)
-    return float(row["seconds_per_particle"]["median"]) / 10.0
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", metavar="FILE")
-    parser.add_argument("--sizes", type=int, nargs="+", default=SIZES)
-    parser.add_argument("--shapes", nargs="+", default=SHAPES)
+    parser.add_argument("--sizes", type=int, nargs="+", default=[10, 30, 100, 300, 600, 1000, 2000])
+    parser.add_argument("--shapes", nargs="+", default=["chain", "0.5"])
     parser.add_argument("--gap", type=float, default=3.0, help="of bodies that belong together, um (default %(default)s)")
     parser.add_argument("--path", type=float, default=1e6 * PATH, help="drag, um (default %(default)s)")
     chosen = parser.parse_args()
     console = screen()
     warm_up("implicit", "mindlin"), warm_up("explicit", "mindlin")
-    rows = []
     for shape in chosen.shapes:
-        explicit = explicit_seconds(shape)
+        fraction = 0.3 if shape == "chain" else float(shape)  # a ball of a chain costs a sphere of a layer
+        found = time_explicit(Case("explicit", "mindlin", SPEED, 300, PATH, EVERY, fraction), 3, 1.0)
+        explicit = statistics.median(found["seconds"]) / 10.0
         console.print(f"{shape}: explicit, {explicit:.3g} s per body and um", highlight=False)
         for bodies in chosen.sizes:
             try:
@@ -129,12 +107,8 @@ def main() -> None:
             except ThirdbodyError as error:
                 console.print(f"{shape}, {bodies}: {error}", highlight=False)
                 break
-            row["explicit_s_per_body_um"], row["ratio"] = explicit, explicit / row["s_per_body_um"]
-            rows.append(row)
-            words = (f"{name} {value:.3g}" if isinstance(value, float) else f"{name} {value}" for name, value in row.items())
-            console.print(", ".join(words), highlight=False)
-            if chosen.json:
-                Path(chosen.json).write_text(json.dumps({"machine": machine(), "rows": rows}, indent=1), encoding="utf-8")
+            words = (f"{name} {value:.3g}" for name, value in (row | {"ratio": explicit / row["s_per_body_um"]}).items())
+            console.print(f"{shape}, {bodies}: {', '.join(words)}", highlight=False)
 
 
 if __name__ == "__main__":

