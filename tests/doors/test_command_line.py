@@ -20,7 +20,6 @@ from thirdbody.cli.command_group import REMOVED_COMMANDS, REMOVED_OPTIONS
 from thirdbody.errors import ThirdbodyWarning
 from thirdbody.laws.registry import load_file
 from thirdbody.runner.run_loop import WallTimes
-from thirdbody.scene.model import Scene
 from thirdbody.studies.copies import StudySource
 from thirdbody.studies.cost_command import StudyOptions
 from thirdbody.studies.sweep import Execution, SweepArguments
@@ -211,7 +210,7 @@ def test_every_shipped_scene_is_listed_with_its_question_and_can_be_copied(comma
         assert (tmp_path / mine).read_bytes() == path.read_bytes()
         kind = "balance" if name.startswith("balance/") else "sweep --dry-run" if name in SWEEPS else "check"
         assert f"next: thirdbody {kind} {mine}" in report.out
-        scene = Scene.load(mine) if kind == "check" else None
+        scene = thirdbody.Scene.load(mine) if kind == "check" else None
         for debris in scene.debris if scene else ():
             assert not hasattr(debris, "file") or scene.beside(debris.file).is_file()
 

@@ -18,7 +18,6 @@ from thirdbody import errors, plugin
 from thirdbody.engine.accuracy import Accuracy
 from thirdbody.laws.registry import discover
 from thirdbody.report.reference import all_keys, all_names
-from thirdbody.scene.model import Scene
 from thirdbody.schema.parts import Part, key_docs
 from thirdbody.studies.axes import IntervalTable
 
@@ -129,8 +128,7 @@ PUBLIC |= functions_of(thirdbody.Run) | functions_of(thirdbody.Scene)
 PUBLIC |= {f"plugin.{name}": getattr(getattr(plugin, name), "py_func", getattr(plugin, name)) for name in plugin.__all__}
 INTERNAL = {"Run.steady", "Scene.suggestion", "Scene.rules", "Scene.checks", "Scene.arrange", "Scene.beside", "Scene.fault"}
 """Public by name, for other parts of thirdbody only."""
-DECORATORS = {"plugin.kernel", "plugin.helper"}
-"""Made by numba; what they do stands where they are set."""
+DECORATORS = {"plugin.kernel", "plugin.helper"}  # made by numba; what they do stands where they are set
 LEFT = {name: thing for name, thing in PUBLIC.items() if name not in INTERNAL | DECORATORS}
 FUNCTIONS = sorted(name for name, thing in LEFT.items() if inspect.isfunction(thing) or inspect.ismethod(thing))
 
@@ -169,7 +167,7 @@ def test_listed_attributes_are_the_fields(name):
 def test_examples_run(tmp_path, monkeypatch):
     """One after the other in a folder with a scene of four flakes that slide a little, its run, and a file for `balance`."""
     shorter = {"debris.0.count": "4", "solver.settle": "2 us", "solver.distance": "0.1 um", "output.every": "0.05 um"}
-    scene = Scene.load(ROOT / "scenes" / "sliding_flakes.toml").with_settings(shorter)
+    scene = thirdbody.Scene.load(ROOT / "scenes" / "sliding_flakes.toml").with_settings(shorter)
     monkeypatch.chdir(tmp_path)
     scene.save("example.toml")
     particle = (ROOT / "scenes" / "balance" / "three_spot.toml").read_text(encoding="utf-8")

@@ -10,8 +10,7 @@ from thirdbody.kernels.tables import run_totals
 from thirdbody.scene.model import ConstantVelocity, Motion, Pause, Spot, Spots
 from thirdbody.scene.motion import Load
 
-STOPS = every(5e-8, 10)
-"""Stops of the drag [m]."""
+STOPS = every(5e-8, 10)  # stops of the drag [m]
 SETTLED = 2e-2
 """Deviation of the friction coefficient where inertia and the dashpot of the patch still carry a small load at 1 m/s."""
 HEIGHT, SPAN = 4e-6, 2e-6

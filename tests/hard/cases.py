@@ -13,12 +13,10 @@ from hard.trial import Setting, Trial
 
 from thirdbody.errors import ThirdbodyError
 
-FACTORS = (1.0, 1.2, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0, 15.0)
-"""Trial time steps, over the smallest automatic one of the run."""
+FACTORS = (1.0, 1.2, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0, 15.0)  # trial time steps, over the smallest automatic one of the run
 MIN_FACTOR, MAX_FACTOR = 1.2, 10.0
 """Required range of the largest stable factor: the automatic step has a margin, but not more than that."""
-LEVELS = ("coulomb", "mindlin", "mdr", "exact")
-"""Levels of the law family three_spot, from coarse to fine."""
+LEVELS = ("coulomb", "mindlin", "mdr", "exact")  # levels of the law family three_spot, from coarse to fine
 BOTH, EXPLICIT, TWO, COULOMB = ("explicit", "implicit"), ("explicit",), LEVELS[:2], LEVELS[:1]
 
 

@@ -12,10 +12,8 @@ ESCAPE, BREAK, BYTES = "\x1b[31mx", "a\nb", os.fsdecode(b"\xff\xfe")
 LONG, DEEP, HUGE = "x" * 300, "x/" * 3000, "9" * 20
 ODD = (ESCAPE, BREAK, BYTES)
 NUMBERS = ("0", "-1", "1e-300", "nan", "inf", "-inf", "1e300", HUGE, f"-{HUGE}", "", "1e3", "0x10")
-PATIENCE = 120
-"""Seconds after which a line hangs."""
-MEMORY = 12 << 30
-"""Address space of a line, bytes: HDF5, VTK and LLVM map some 5 GB."""
+PATIENCE = 120  # seconds after which a line hangs
+MEMORY = 12 << 30  # address space of a line, bytes: HDF5, VTK and LLVM map some 5 GB
 FILES = (
     "dir", "dir.toml", "empty.toml", "latin.toml", "nul.toml", "bom.toml", "utf16.toml", "dangling.toml", "loop.toml",
     "pipe.toml", "mesh.stl", "run/run.vtkhdf", "nowhere.toml", "", ".", "/", "~", "-", "/dev/null", "/dev/full", "/dev/zero",

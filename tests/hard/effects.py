@@ -15,8 +15,7 @@ from thirdbody.scene.motion import Load
 FLOWS, PIVOTS, INTERACT = (Effects(named={name: {}}) for name in ("elastic_plastic", "pivoting", "close_spots"))
 SOFT = Material(youngs_modulus=210e9, poisson_ratio=0.3, density=7850.0, yield_strength=2e8)
 """Steel that yields under a hundredth of the loads of these cases."""
-REBOUND = 1e-2
-"""Deviation of the coefficient of restitution, from 16 steps: the largest overlap lies between two of them."""
+REBOUND = 1e-2  # deviation of the coefficient of restitution, from 16 steps: the largest overlap lies between two of them
 
 
 def fast_impact(trial: Trial) -> None:
@@ -77,11 +76,9 @@ def crowded_spots(trial: Trial) -> None:
 
 # necks of tiny particles: effects.adhesion --------------------------------------------------------------------------------------
 
-WORK, RADIUS = 0.05, 0.2e-6
-"""Work of adhesion [J/m2]; radius of the ball [m]."""
+WORK, RADIUS = 0.05, 0.2e-6  # work of adhesion [J/m2]; radius of the ball [m]
 STICKS = Effects(named={"adhesion": {"work_of_adhesion": f"{WORK} J/m2", "model": "jkr"}})
-MODULUS = STEEL.shear() / (1.0 - STEEL.poisson_ratio)
-"""E* of two equal materials [Pa]."""
+MODULUS = STEEL.shear() / (1.0 - STEEL.poisson_ratio)  # E* of two equal materials [Pa]
 NECK = (math.pi * WORK * RADIUS**2 / (8.0 * MODULUS)) ** (1.0 / 3.0)
 """Contact radius at which a neck breaks [m] (Johnson, Kendall and Roberts 1971)."""
 LOST = (6.0 + 9.0 * 4.0 ** (4.0 / 3.0)) * 8.0 / 15.0 * MODULUS * NECK**5 / RADIUS**2

@@ -17,9 +17,7 @@ from thirdbody.runner.run_loop import WallTimes
 from thirdbody.runner.simulate import execute, prepare
 from thirdbody.trajectory.blocks import Block, Sink
 
-OFTEN = 0.05
-"""Seconds between checkpoints: a run of some seconds writes dozens."""
-# data of a frame, its count, its time, flush; header and data of HDF5; checkpoint: data, fsync, replace
+OFTEN = 0.05  # seconds between checkpoints: a run of some seconds writes dozens
 PLACES = ((Block, "append"), (Block, "count_frames"), (Block, "add_time"), (h5py.File, "flush"), (Sink, "put"),
           (np, "savez"), (os, "fsync"), (os, "replace"))  # fmt: skip
 

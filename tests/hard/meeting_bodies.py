@@ -18,10 +18,8 @@ BALL = ((0.0, 0.0, 0.0, R),)
 POST = tuple((x, y, 0.0, R) for x, y in ((-9.0, 0.0), (-4.5, 0.0), (0.0, -4.0), (0.0, 4.0), (4.5, 0.0), (9.0, 0.0)))
 RIDGE = tuple((x, y, 0.0, 0.8) for x, y in ((-1.5, 0.0), (0.0, 0.0), (1.5, 0.0), (0.0, -1.5), (0.0, 1.5)))
 """Spheres (x, y, z, radius) [um]."""
-TILT = 5e-3
-"""Deviation of forces over the load: normals lean by overlaps, and bounces have not died out to the last."""
-STOPS = every(1e-7, 12)
-"""Stops of the drag [m]."""
+TILT = 5e-3  # deviation of forces over the load: normals lean by overlaps, and bounces have not died out to the last
+STOPS = every(1e-7, 12)  # stops of the drag [m]
 STUCK = 10.0
 
 

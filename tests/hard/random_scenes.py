@@ -12,8 +12,7 @@ RESTITUTIONS = (0.01, 0.1, 0.3, 0.6, 0.9, 0.999, 1.0)
 POISSON_RATIOS = (-0.9, -0.5, 0.0, 0.3, 0.45, 0.499, 0.5)
 SHAPES = ("ball", "pair", "tripod", "needle", "ring", "ratio", "irregular", "spots")
 MOTIONS = ("none", "velocity", "ramp", "sine", "triangle", "stages", "diagonal")
-STIFFNESS_PERIODS = 100.0
-"""Duration of the drag in units of sqrt(mass / normal stiffness): about a thousand explicit steps."""
+STIFFNESS_PERIODS = 100.0  # duration of the drag in units of sqrt(mass / normal stiffness): about a thousand explicit steps
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,8 @@ from thirdbody.kernels.tables import LOWER, UPPER, record
 from thirdbody.scene.model import LowerPlate, Plates, UpperPlate
 from thirdbody.scene.surfaces import Groove, Sine, SurfaceFile, Waves
 
-SIZE, R = 40.0, 5.0
-"""Side of the domain and radius of the ball [um]."""
-MIDDLE = 0.5 * SIZE
-"""Place of the ball along x and y [um]."""
+SIZE, R = 40.0, 5.0  # side of the domain and radius of the ball [um]
+MIDDLE = 0.5 * SIZE  # place of the ball along x and y [um]
 TILT = 1e-2
 """Deviation of forces over the load: overlaps move the contacts along the surface, and bounces have not died out to the last."""
 SUNK = 2e-9

@@ -160,8 +160,7 @@ def test_spoilt_files_are_refused(worker, tmp_path, run_bytes, count):
 # folders of runs ---------------------------------------------------------------------------------------------------------------
 
 FEW_RUNS, MANY_RUNS = 4, int(os.environ.get("FUZZ_RUNS", "150"))
-CODES = {0, 2, 3, 4, 5}
-"""Done, usage, input, guard, output; anything else is no answer to a spoilt file."""
+CODES = {0, 2, 3, 4, 5}  # done, usage, input, guard, output; anything else is no answer to a spoilt file
 RUN = edited(
     FOUR_BALLS, ("count = 4", "count = 3"), ('"0.1 um"\nsettle = "1 us"', '"0.06 um"\nsettle = "20 ns"'), ("0.05 um", "0.01 um")
 )

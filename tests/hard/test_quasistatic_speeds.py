@@ -12,8 +12,7 @@ from thirdbody.runner.simulate import prepare
 
 pytestmark = pytest.mark.full(kind="hard")
 SPEEDS = (1e-3, 1e-2, 0.1, 1.0, 10.0)
-SAME = 0.01
-"""Difference of the friction that needs no word: that of two states in which 1 % of the load is carried otherwise."""
+SAME = 0.01  # difference of the friction that needs no word: that of two states in which 1 % of the load is carried otherwise
 IMPLICIT = {"solver.integrator": "implicit", "contact.debris_contact": "none"}
 STROKE = 10e-6
 

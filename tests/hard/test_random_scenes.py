@@ -15,7 +15,6 @@ import thirdbody
 from thirdbody.errors import GuardStop, InputError, Interrupted
 from thirdbody.runner.run_loop import WallTimes
 from thirdbody.runner.simulate import execute, prepare
-from thirdbody.scene.model import Scene
 from thirdbody.schema.write import toml_text
 from thirdbody.trajectory.names import ACCOMMODATION, BED
 
@@ -27,7 +26,7 @@ FORCES = ("normal_force", "tangential_force", "overlap", "contact_radius")
 
 def run_scene(document: dict[str, Any], folder: Path, threads: int = 1, wall_limit: float = math.inf) -> str:
     try:
-        scene = Scene.parse(toml_text(document))
+        scene = thirdbody.Scene.parse(toml_text(document))
         simulation = prepare(scene)
     except InputError as error:
         assert all(fault.key for fault in error.faults), error

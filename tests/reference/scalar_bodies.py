@@ -9,8 +9,7 @@ from thirdbody.kernels.tables import body, body_extra, orientation, patch, spher
 ANGULAR_MOMENTUM, LONGEST_ARM, INERTIA, UPPER_PUSH, EFFECT_FORCE, EFFECT_TORQUE = (
     body.WIDTH + orientation.WIDTH + getattr(body_extra, name)
     for name in ("ANGULAR_MOMENTUM", "LONGEST_ARM", "INERTIA", "UPPER_PUSH", "EFFECT_FORCE", "EFFECT_TORQUE")
-)
-"""Columns of E: a row of a body is that of B, then its orientation, then that of E."""
+)  # columns of E: a row of a body is that of B, then its orientation, then that of E
 QUATERNION = body.WIDTH + orientation.QUATERNION
 QUATERNION4 = slice(QUATERNION, QUATERNION + 4)
 MIN_SPEED, MIN_SPIN, MIN_MOMENTUM = 1e-60, 1e-60, 1e-90

@@ -24,8 +24,7 @@ from thirdbody.kernels.tables import (
 )
 from thirdbody.laws.data import Contact, Turn, Twist
 
-STILL = Turn(0.0, 0.0, 0.0, 0.0), Twist(0.0, 0.0)
-"""Where no law asks for a rotation."""
+STILL = Turn(0.0, 0.0, 0.0, 0.0), Twist(0.0, 0.0)  # where no law asks for a rotation
 Surroundings = namedtuple("Surroundings", "P v_x v_y dt l_x l_y")
 """What a contact meets besides its spheres: the patches, the velocity of the upper plate, the periods (0: none), m and s."""
 Frame = make_dataclass("Frame", ("overlap", "n", "middle", "arms", "radius", "mass", "moved", "moves"))
@@ -232,8 +231,7 @@ def write_record(S, i, j, done, world, rolling):
 
 # what a labeller sees of every body in a sampled step; the labeller itself is the compiled one
 
-FAR = 67108864.0
-"""2^26: spheres that a name of a contact can tell apart."""
+FAR = 67108864.0  # 2^26: spheres that a name of a contact can tell apart
 
 
 def update_labels(reference, v):

@@ -51,15 +51,13 @@ so of forces, and happens a few times in a short run; see `test_sums_in_another_
 OF_HISTORY = 2.0**-15
 """Of forces of dashpots, as far as they are remembered: to one of two neighbours, whichever the rounding chooses. So the energy
 that they take is only known to half of that."""
-SEEN = 1e3
-"""Tolerances by which a fault of the plain step changes some number at least: far above all rounding."""
+SEEN = 1e3  # tolerances by which a fault of the plain step changes some number at least: far above all rounding
 MOTION = {
     "B": [*range(body.POSITION, body.FORCE)], "orientations": range(orientation.WIDTH), "E": range(body_extra.UPPER_PUSH),
     "S": range(sphere.WIDTH), "P": [patch.HEIGHT, patch.VELOCITY],
 }  # fmt: skip
 """Columns of positions and velocities."""
-OF_THE_SEARCH = {"P": (slice(None), patch.SEARCH_HEIGHT), "A": run_totals.MAX_DISPLACEMENT}
-"""What only the search looks at."""
+OF_THE_SEARCH = {"P": (slice(None), patch.SEARCH_HEIGHT), "A": run_totals.MAX_DISPLACEMENT}  # what only the search looks at
 VECTORS = {
     "B": (body.POSITION, body.VELOCITY, body.SPIN, body.FORCE, body.TORQUE),
     "E": (body_extra.ANGULAR_MOMENTUM, body_extra.INERTIA, body_extra.EFFECT_FORCE, body_extra.EFFECT_TORQUE),

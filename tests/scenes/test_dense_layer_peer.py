@@ -29,8 +29,7 @@ from thirdbody.scene.model import Contact, Domain, Material, Output, Pair, Plate
 
 HERE = Path(__file__).parent
 LAMMPS = json.loads((HERE.parent / "theory" / "data" / "lammps_dense_clumps.json").read_text(encoding="utf-8"))
-LENGTH, MASS, TIME = 1e-6, 1e-15, 1e-6
-"""um, pg and us in SI."""
+LENGTH, MASS, TIME = 1e-6, 1e-15, 1e-6  # um, pg and us in SI
 MEASURED = ("upper_x", "upper_z", "lower_x", "lower_z", "pairs", "plate")
 """Forces on the plates, N, averaged over every step; contacts between clumps and with plates, at the ends of equal intervals."""
 STEEL = LAMMPS["material"]

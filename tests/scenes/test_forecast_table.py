@@ -31,8 +31,7 @@ def runs(folder, integrator):
             yield friction, run
 
 
-BAND = 0.02
-"""Relative distance of mu from t_min and t_max within which the answer is open."""
+BAND = 0.02  # relative distance of mu from t_min and t_max within which the answer is open
 
 
 def doubtful(bodies, friction):

@@ -23,8 +23,7 @@ R, LOAD, SPEED, PATH = 10.0, 0.2, 0.1, 0.6
 """Radius of the balls of flakes, um; load on a stack, mN; speed, m/s, and way, um, of the upper plate: a contact radius is 95 nm,
 so that a window of four of them has closed before the last frame."""
 Body = tuple[str, list[tuple[float, float, float, float]], tuple[float, float, float]]
-Reported = tuple[str, str, int]
-"""State, reason, sliding side."""
+Reported = tuple[str, str, int]  # state, reason, sliding side
 HEXAGON = [(0.0, 0.0, 0.0, R)] + [
     (6.0 * math.cos(k * math.pi / 3.0), 6.0 * math.sin(k * math.pi / 3.0), 0.0, R) for k in range(6)
 ]

@@ -22,8 +22,7 @@ from thirdbody.studies.sweep_file import sweep_of_python
 from thirdbody.studies.workers import LocalWorkers
 
 MU, COUNT = "pairs.0.friction", "debris.0.count"
-VARY = {MU: [0.1, 0.2], COUNT: [3, 400]}
-"""Half of the points fails: 400 balls have no space in the domain."""
+VARY = {MU: [0.1, 0.2], COUNT: [3, 400]}  # half of the points fails: 400 balls have no space in the domain
 SCENE = thirdbody.Scene.parse(BALLS)
 
 

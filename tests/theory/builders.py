@@ -13,11 +13,8 @@ from thirdbody.kernels.tables import body, body_extra, record, run_totals
 from thirdbody.scene import model
 from thirdbody.scene.model import Material, Scene, Spheres, UpperPlate
 
-RIGID = 1e6
-"""Stiffness of a `rigid` plane over that of the ball: E* is then off by 1e-6, t_c by 4e-7."""
-
-LONG = 1.0
-"""Duration written into scenes that are stopped by hand, s."""
+RIGID = 1e6  # stiffness of a `rigid` plane over that of the ball: E* is then off by 1e-6, t_c by 4e-7
+LONG = 1.0  # duration written into scenes that are stopped by hand, s
 
 
 def solid(youngs_modulus: float, nu: float, density: float) -> Material:
@@ -175,9 +172,7 @@ def numerical_share(simulation: Simulation) -> float:
 LUMP = tuple(
     {"center": tuple(1e-6 * x for x in center), "radius": 1e-6 * radius}
     for center, radius in (((0.0, 0.0, 0.0), 5.0), ((4.0, 1.0, 0.5), 4.0), ((-3.0, 3.0, -0.7), 4.2), ((-2.5, -3.2, 0.6), 4.1))
-)
-"""An irregular clump that finds a better seat as it is pressed, then slides, turns and settles once more."""
-
+)  # an irregular clump that finds a better seat as it is pressed, then slides, turns and settles once more
 HEXAGON = tuple(
     {"center": (3e-6 * x, 3e-6 * y, 0.0), "radius": 2e-6}
     for x, y in [(0.0, 0.0)] + [(math.cos(k * math.pi / 3.0), math.sin(k * math.pi / 3.0)) for k in range(6)]

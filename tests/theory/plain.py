@@ -27,8 +27,7 @@ FOURS = {
     "put": lambda G, at, v: G.__setitem__(slice(at, at + 4), v),
     "transpose": lambda *rows: tuple(np.array(rows).T),
     "all_below": lambda v, maximum: bool((v < maximum).all()),
-}
-"""Of `jit.simd`."""
+}  # of `jit.simd`
 MATH = SimpleNamespace(**vars(math) | {"sqrt": np.sqrt})  # in kernels a division by a root of nothing is infinite
 
 

@@ -11,9 +11,7 @@ from thirdbody_three_spot.balance import balance
 
 from thirdbody.errors import InputError, UsageError
 
-SOLVED = 1e-10
-"""Newton's tolerance of 1e-12 of the forces, divided by the share of the smallest force, and some round-off."""
-
+SOLVED = 1e-10  # Newton's tolerance of 1e-12 of the forces, divided by the share of the smallest force, and some round-off
 OTHER = pytest.mark.full(kind="slow")
 """Levels whose chain only these tests compile: their laws have judges of their own, and `exact` has test_planar_paths here."""
 

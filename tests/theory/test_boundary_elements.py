@@ -29,12 +29,8 @@ SHEAR = theory.shear_modulus(YOUNG, POISSON)
 E_STAR, G_STAR = theory.e_star(SHEAR, POISSON, math.inf, 0.0), theory.g_star(SHEAR, POISSON, math.inf, 0.0)
 A, FORCE = theory.contact_radius(RADIUS, OVERLAP), theory.hertz_force(E_STAR, RADIUS, OVERLAP)
 LIMIT, CRITICAL = MU * FORCE, theory.critical_displacement(MU, E_STAR, G_STAR, OVERLAP)
-SHARES = (0.25, 0.5, 0.75)
-"""Tangential displacements over s_c."""
-
-WINDOW = 4.0
-"""Side of the square with the contact in its middle, contact radii."""
-
+SHARES = (0.25, 0.5, 0.75)  # tangential displacements over s_c
+WINDOW = 4.0  # side of the square with the contact in its middle, contact radii
 LATTICE = 3.900264920001955
 """Sum of 1/r over a square lattice without its origin less the integral, times -L: the potential of all images and of the even
 traction that balances them (Bonsall and Maradudin 1977)."""

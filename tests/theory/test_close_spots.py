@@ -107,9 +107,7 @@ SCENE = SCENES / "three_spot.toml"
 E_STAR, SPOT, OVERLAP = 1e11, 1e-6, 1e-8
 A = math.sqrt(SPOT * OVERLAP)
 
-CELLS, RIM = 12, 2.0
-"""Grid cells over the contact radius, and empty rim in contact radii."""
-
+CELLS, RIM = 12, 2.0  # grid cells over the contact radius, and empty rim in contact radii
 GROUPS = (
     ((0, 0), (3, 0)), ((0, 0), (6, 0)), ((0, 0), (10, 0)), ((0, 0), (4, 0), (1, 5)), ((-5, 0), (0, 0), (6, 0)),
     ((0, 0), (4, 0.5), (8, -0.5), (1, 5), (5, 6), (3, 10)),

@@ -19,9 +19,7 @@ from thirdbody.engine.guards import Ledger
 from thirdbody.kernels.tables import run_totals
 from thirdbody.scene.model import Scene
 
-CLOSED = 1e-3
-"""Largest residual of the ledger over the work."""
-
+CLOSED = 1e-3  # largest residual of the ledger over the work
 SHORT = {
     "sheared_debris.toml": {"debris.0.count": "12", "domain.size": ["100 um", "75 um"], "solver.distance": "1.5 um"},
     "grooves.toml": {

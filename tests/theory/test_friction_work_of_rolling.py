@@ -17,12 +17,10 @@ SLOW = {
     "plates.upper.motion.x.velocity": "1 mm/s",
 }
 ROLLING = 3
-PATH = 0.3e-6
-"""Some ten critical displacements, m: most bodies turn onto other spots within it."""
+PATH = 0.3e-6  # some ten critical displacements, m: most bodies turn onto other spots within it
 
 
-FINE = {"solver.tolerance": "1e-6", "solver.largest_step": "0.5 nm"}
-"""A five hundredth of the tolerance."""
+FINE = {"solver.tolerance": "1e-6", "solver.largest_step": "0.5 nm"}  # a five hundredth of the tolerance
 
 
 def friction_work(**settings):

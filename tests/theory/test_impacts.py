@@ -15,9 +15,7 @@ import three_spot_theory as theory
 from thirdbody.laws.damping import damping_number, restitution_of
 from thirdbody.scene.model import Ball
 
-RESOLVED = 200
-"""Steps per contact time where a closed form is the judge: the undamped error falls with its square (tested below)."""
-
+RESOLVED = 200  # steps per contact time where a closed form is the judge: the undamped error falls with its square (tested below)
 TRUNCATION = 1e-4
 """Largest sample and contact time at `RESOLVED` steps: (2.87/200)^2/2 = 1.0e-4 at most; and E* of the rigid plane, 1e-6."""
 

@@ -29,8 +29,7 @@ STIFF = 2e-3
 BLOCK = tuple(
     {"center": (4e-6 * x, 4e-6 * y, 0.0), "radius": R}
     for x, y in [(0.0, 0.0)] + [(math.cos(k * math.pi / 3.0), math.sin(k * math.pi / 3.0)) for k in range(6)]
-)
-"""Seven balls as high as one: it cannot tip."""
+)  # seven balls as high as one: it cannot tip
 
 
 def dragged(make, debris, pairs=None, speed=1e-3, plate=None, friction=MU, settle=2e-5, contact="auto", **solver):

@@ -29,8 +29,7 @@ SURFACES = {
 }
 MEET = {"contact.debris_contact": "auto", "domain.size": ["56 um", "42 um"]} | {
     f"plates.{side}.surface.long": "20 um" for side in ("lower", "upper")
-}
-"""Six particles so near each other that most are in islands; lengths of the surfaces fit into the domain."""
+}  # six particles so near each other that most are in islands; lengths of the surfaces fit into the domain
 
 
 def rigid(count, speed="1 m/s"):

@@ -20,8 +20,7 @@ MU, RADIUS = 0.3, 1e-3
 OPTIONS = {"mdr": {"springs": 64}, "exact": {}}
 LEVELS = ("mdr", slow("exact"))
 NUS = (slow(0.0), slow(0.1), slow(0.23), 0.3, slow(0.45))
-ANGLES = (0.5, 1.5, 2.5, 3.0, 3.5, 4.0)
-"""psi_1: partial slip up to gross slip, as in the table of `data`."""
+ANGLES = (0.5, 1.5, 2.5, 3.0, 3.5, 4.0)  # psi_1: partial slip up to gross slip, as in the table of `data`
 
 
 @functools.cache

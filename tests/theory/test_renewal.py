@@ -52,8 +52,7 @@ FORCE_LEFT = {
     0.0: (0.9951, 0.9751, 0.9140, 0.7178),
     0.25: (0.9954, 0.9767, 0.9195, 0.7352),
     0.5: (0.9958, 0.9788, 0.9270, 0.7588),
-}
-"""Of a Hertzian traction, after rolling by 0.1, 0.25, 0.5 and 1 contact radii without creep, by 21 such cells."""
+}  # of a Hertzian traction, after rolling by 0.1, 0.25, 0.5 and 1 contact radii without creep, by 21 such cells
 
 
 @each([(level, 1.0) for level in (*LEVELS, "mindlin")] + [("coulomb", scale) for scale in (1e-4, 1e-3, 1e-2)])

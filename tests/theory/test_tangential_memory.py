@@ -85,15 +85,13 @@ SWINGS = {
     "constant overlap": (0.0, 0.12, 0.0, 1.0, 0.0),
     "beat": (0.05, 0.1, 1.0, 0.618, 0.05),
     "slow beat": (0.1, 0.05, 0.5, 0.137, 0.1),
-}
-"""Physics, section 19: about the overlap 1 and the shear .45 kappa, lengths in R."""
+}  # physics, section 19: about the overlap 1 and the shear .45 kappa, lengths in R
 DRAWN = np.random.default_rng(3).uniform([0.0, 0.02, 0.0, 0.05, 0.0], [0.1, 0.12, 6.28, 1.6, 0.1], (12, 5))
 BEATS = {f"beat {k}": tuple(row) for k, row in enumerate(DRAWN.tolist())}
 FORMS = {
     "mindlin": (MINDLIN, MindlinParameters(0.5, 0.5, 1.0, 1.0)),
     "coulomb": (COULOMB, CoulombParameters(0.5, 2.0 / 3.0, 1e9, 1.0)),
-}
-"""With mu N = 2/3 at the overlap 1, and the stiffness 1."""
+}  # with mu N = 2/3 at the overlap 1, and the stiffness 1
 
 
 def swing(name, count):

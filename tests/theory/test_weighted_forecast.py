@@ -20,8 +20,7 @@ WRENCHES = {
     "weight": (0.0, 0.0, -0.3, 0.0, 0.0, 0.0),
     "buoyancy and a pull": (0.05, -0.03, 0.2, 0.0, 0.0, 0.0),
     "weight, pull and torque": (0.05, -0.03, -0.5, 0.02, 0.05, -0.03),
-}
-"""Over the load of the upper side, and that times a micrometre."""
+}  # over the load of the upper side, and that times a micrometre
 UPDATE = plain(classify.update_history)
 LABEL, WITHOUT_FORECASTS, WITHOUT_EFFECTS = map(
     plain, (classify.label, classify.label_without_forecasts, classify.label_without_effects)

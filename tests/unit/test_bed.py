@@ -30,7 +30,6 @@ from thirdbody.plot.summary_page import page
 from thirdbody.report.tables import run_report
 from thirdbody.runner.run_folder import RunFolder
 from thirdbody.runner.run_loop import RunLoop
-from thirdbody.scene.model import Scene
 from thirdbody.trajectory.accommodation import accommodation, parts_of, transmitting_weights
 from thirdbody.trajectory.bed import (
     accommodation_fractions,
@@ -329,7 +328,7 @@ FLAKE = [{"center": [f"{x} um", f"{y} um", "0 um"], "radius": "2 um"} for x, y i
 
 def run_of(folder, **changes):
     smooth = {"plates.upper.motion": {"x": RAMP}, "plates.upper.damping": "7e-4 kg/s", "solver.distance": "2 um"}
-    scene = Scene.parse(BALLS).with_settings(smooth | {"output.every": "0.2 um"} | changes)
+    scene = thirdbody.Scene.parse(BALLS).with_settings(smooth | {"output.every": "0.2 um"} | changes)
     return thirdbody.run(scene, out=folder, progress=False)
 
 
@@ -366,7 +365,7 @@ def test_balls_only_roll_and_flakes_only_slip(tmp_path):
 
 def test_a_plate_at_rest_has_no_parts(tmp_path):
     text = edited(BALLS, ('motion = {x = {velocity = "0.5 m/s"}}\n', ""), ('distance = "0.1 um"', 'duration = "0.1 us"'))
-    with thirdbody.run(Scene.parse(edited(text, ("0.05 um", "1 us"))), out=tmp_path / "rest", progress=False) as run:
+    with thirdbody.run(thirdbody.Scene.parse(edited(text, ("0.05 um", "1 us"))), out=tmp_path / "rest", progress=False) as run:
         assert not set(ACCOMMODATION) & set(run.series) and "accommodation" not in run.summary()
 
 
@@ -374,7 +373,7 @@ def test_an_implicit_stroke_has_the_speed_of_its_sine(tmp_path):
     length, frequency = 2e-6, 5.0
     text = edited(ensembles.SCENE, ('distance = "0.1 um"', 'duration = "0.2 s"'), ("0.05 um", "8 ms"))
     text = edited(text, ('velocity = "10 mm/s"', 'stroke = "2 um", frequency = "5 Hz"'))
-    with thirdbody.run(Scene.parse(text), out=tmp_path / "stroke", progress=False) as run:
+    with thirdbody.run(thirdbody.Scene.parse(text), out=tmp_path / "stroke", progress=False) as run:
         u = run.series["displacement"]
         speed = 2.0 * np.pi * frequency * np.sqrt(np.maximum(u * (length - u), 0.0))  # u = (length/2) (1 - cos(2 pi frequency t))
         total = sum(run.series[name] for name in ACCOMMODATION)

@@ -17,7 +17,6 @@ from thirdbody.errors import InputError, OutputError, UsageError
 from thirdbody.kernels.tables import body
 from thirdbody.plot.figures import save
 from thirdbody.runner.simulate import prepare
-from thirdbody.scene.model import Scene
 from thirdbody.studies import cost, cost_plot, cost_runs
 from thirdbody.studies.compare import read_outcome
 from thirdbody.studies.copies import FEWEST, FEWEST_THAT_MEET, Copy, StudySource, make_copy, reduce_scene, reductions, thin
@@ -54,7 +53,7 @@ def test_the_cost_of_a_variant_is_measured_for_its_law_or_estimated():
 def test_a_thinned_copy_has_its_bodies_as_close_as_they_were_and_as_many_meet():
     """So what contact between bodies costs and changes is measured: by variants from displaced starts, and without it."""
     text = SCENE.replace("count = 2", "count = 200").replace('radius = "5 um"', 'radius = "5 um"\nplacement = "layer"')
-    scene = Scene.parse(text.replace('"100 um", "100 um"', '"300 um", "200 um"').replace('debris_contact = "none"', ""))
+    scene = thirdbody.Scene.parse(text.replace('"100 um", "100 um"', '"300 um", "200 um"').replace('debris_contact = "none"', ""))
     near = thin(scene, 200, 0.25)
     copy = scene.with_settings(near)
     assert copy.debris[0].count == 50
@@ -254,7 +253,7 @@ def test_a_copy_takes_the_time_that_it_is_made_for(file, tmp_path):
         file, {"solver.integrator": "explicit", "solver.distance": "4 mm", "output.every": "0.1 mm"}, tmp_path, []
     )
     copy = make_copy(source, 0.02, True)
-    scene = Scene.parse(copy.scene)
+    scene = thirdbody.Scene.parse(copy.scene)
     assert scene.solver.distance < 4e-3 and "4 mm" in copy.reduction[0] and "the smallest that `auto` takes" in copy.reduction[-1]
     assert copy.base.kind == "explicit" and 0.0 < copy.base.step <= prepare(scene).state.dt
     assert Copy.of(json.loads(json.dumps(copy.document()))) == copy

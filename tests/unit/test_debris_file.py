@@ -10,7 +10,6 @@ from thirdbody.assembly.populate import populate, sphere_centres
 from thirdbody.assembly.simulation import build
 from thirdbody.debris.file import File
 from thirdbody.errors import InputError
-from thirdbody.laws.registry import discover
 from thirdbody.rotations import matrix_from_quaternion
 from thirdbody.scene.model import Scene
 
@@ -65,7 +64,7 @@ def test_spheres_lie_where_the_file_says(placed, table):
 
 def test_mass_is_that_of_the_union(placed):
     bodies, _, scene = placed(PLAIN)
-    built = build(scene, discover())
+    built = build(scene)
     # lens of two balls, r 5 and 4, d apart (Weisstein, Sphere-Sphere Intersection, eq. 16)
     r, s, d = 5.0, 4.0, math.sqrt(40.0)
     lens = math.pi * (r + s - d) ** 2 * (d * d + 2 * d * (r + s) - 3 * (r * r + s * s) + 6 * r * s) / (12.0 * d)

@@ -21,8 +21,7 @@ SETTINGS = {
     "debris.0.count": 20, "debris.0.shapes": 5, "contact.debris_contact": "none", "domain.size": ["200 um", "150 um"],
     "plates.upper.motion.x.velocity": "1 mm/s", "solver.distance": "0.2 um", "output.every": "0.1 um",
 }  # fmt: skip
-STOPS = (1e-5, 2e-5, 2e-4)
-"""In the pressing, at its end, in the first sliding [s]."""
+STOPS = (1e-5, 2e-5, 2e-4)  # in the pressing, at its end, in the first sliding [s]
 
 
 @pytest.fixture

@@ -14,7 +14,6 @@ from thirdbody.engine import meeting
 from thirdbody.errors import GuardStop, InputError
 from thirdbody.runner import outlook
 from thirdbody.runner.simulate import execute, prepare
-from thirdbody.scene.model import Scene
 
 MEETS = ("[solver]", '[contact]\ndebris_contact = "auto"\n[solver]')
 PAIR = edited(BALLS, ('title = "four balls"\n', ""), ("count = 4", "count = 2"), MEETS)
@@ -31,7 +30,7 @@ def text(*changes):
 
 
 def scene(*changes):
-    return Scene.parse(text(*changes))
+    return thirdbody.Scene.parse(text(*changes))
 
 
 @pytest.fixture
@@ -45,9 +44,7 @@ def command(command, tmp_path):
 
 SLOW, SLOWER, FAST, QUICK = (
     ('velocity = "0.5 m/s"', f'velocity = "{speed}"') for speed in ("1 mm/s", "1 um/s", "50 m/s", "5 m/s")
-)
-"""Explicit runs of the slow ones take a third of a second, and minutes; the inertial number of these balls is 5 at 50 m/s."""
-
+)  # explicit runs of the slow ones take a third of a second, and minutes; the inertial number of these balls is 5 at 50 m/s
 ONE_PLATE = ("load_per_particle", "rigid")
 CHOICES = {
     "two that may meet": ((), "explicit", "expected to take about as long"),

@@ -16,7 +16,6 @@ from thirdbody.bodies.mesh import Mesh, checked_mesh, load_mesh, mass_properties
 from thirdbody.bodies.mesh_fit_quality import distance_to_union, distances, local_radii, union_samples
 from thirdbody.bodies.mesh_to_clump import clump_from_mesh
 from thirdbody.errors import InputError
-from thirdbody.laws.registry import discover
 from thirdbody.rotations import matrix_from_quaternion
 from thirdbody.scene.model import Scene
 from thirdbody.studies.copies import portable
@@ -287,7 +286,7 @@ def volumes_of(scene, warnings=None):
 
 
 def test_bodies_weigh_what_the_mesh_weighs(scene_of, stone):
-    built = build(scene_of(count=5), discover())
+    built = build(scene_of(count=5))
     # STL holds single precision
     assert built.state.bodies.mass == pytest.approx(7850.0 * stone.volume * 1e-18, rel=1e-6, abs=0.0)
     moments = np.sort(np.linalg.eigvalsh(stone.moment_inertia)) * 1e-30 * 7850.0
@@ -297,7 +296,7 @@ def test_bodies_weigh_what_the_mesh_weighs(scene_of, stone):
 
 
 def test_sizes_rescale_each_body_whichever_mesh_it_has(scene_of, tmp_path, stone):
-    built = build(scene_of(more=SIZE, count=5), discover())
+    built = build(scene_of(more=SIZE, count=5))
     diameter = np.cbrt(6.0 * built.state.bodies.mass / 7850.0 / np.pi)
     assert np.all((diameter >= 6e-6) & (diameter <= 12e-6)) and len(np.unique(diameter)) == 5
     rocks(tmp_path / "scans", "a.stl", "b.stl")

@@ -23,7 +23,6 @@ from thirdbody.bodies.resting_poses import settle_all
 from thirdbody.errors import InputError, Interrupted
 from thirdbody.laws.registry import discover
 from thirdbody.rotations import matrix_from_quaternion
-from thirdbody.scene.model import Scene
 
 COUNT, UM, SIZE = 30, 1e-6, (50e-6, 50e-6)
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
@@ -154,11 +153,11 @@ def packing(seed, count=40, clumps=True, overlap=0.3):
 def prepared(folder, table, plate=PRESSED, periodic=True):
     np.savez(folder / "packing.npz", **table)
     (folder / "scene.toml").write_text(STEEL + TEXT.format(plate=plate, periodic=str(periodic).lower()))
-    return Scene.load(folder / "scene.toml")
+    return thirdbody.Scene.load(folder / "scene.toml")
 
 
 def built(folder, table, *settings):
-    return build(prepared(folder, table, *settings), discover())
+    return build(prepared(folder, table, *settings))
 
 
 def deepest(state, periodic=True):
@@ -182,7 +181,7 @@ def test_a_body_longer_than_the_period_is_refused_wherever_it_comes_from(tmp_pat
         debris = {"kind": "spheres", "material": "steel", "shape": shape, **more}
         scene = prepared(tmp_path, table).document() | {"debris": [debris]}
         with pytest.raises(InputError, match=r"body 0 .*(own image|does not fit)"):
-            populate(Scene.of(scene), [])
+            populate(thirdbody.Scene.of(scene), [])
 
 
 def test_a_body_that_fills_the_period_without_meeting_itself_is_placed(tmp_path):

@@ -15,7 +15,6 @@ from thirdbody.errors import InputError, Interrupted
 from thirdbody.report.scene_check import print_rough_plates
 from thirdbody.runner.resume import prepare_resume
 from thirdbody.runner.simulate import execute, prepare
-from thirdbody.scene.model import Scene
 from thirdbody.surfaces.grid import phases, sine_heights
 from thirdbody.surfaces.surface import Surface, dilation
 
@@ -26,7 +25,7 @@ LAYER = '[[debris]]\nmaterial = "steel"\nkind = "irregular"\ncount = 40\nsize = 
 
 
 def surface_of(text):
-    return plate_surfaces(Scene.parse(SCENE.format(debris=LAYER, surface=text)))["lower"]
+    return plate_surfaces(thirdbody.Scene.parse(SCENE.format(debris=LAYER, surface=text)))["lower"]
 
 
 def test_a_sphere_touches_a_wave_where_the_closed_form_says():
@@ -40,7 +39,7 @@ def test_a_sphere_touches_a_wave_where_the_closed_form_says():
 
 
 def test_a_layer_lies_on_the_rough_plate_and_its_bodies_do_not_overlap():
-    scene = Scene.parse(SCENE.format(debris=LAYER, surface=RANDOM))
+    scene = thirdbody.Scene.parse(SCENE.format(debris=LAYER, surface=RANDOM))
     surfaces = plate_surfaces(scene)
     placed = populate(scene, [], surfaces)
     centres, radii, body = sphere_centres(placed)
@@ -54,7 +53,7 @@ def test_a_layer_lies_on_the_rough_plate_and_its_bodies_do_not_overlap():
     assert np.ptp(placed.positions[:, 2] - flat.positions[:, 2]) > 0.5e-6
     # a body that starts in a crest is refused
     ball = '[[debris]]\nmaterial = "steel"\nkind = "spheres"\nradius = "2 um"\npositions = [["0 um", "9 um", "2 um"]]\n'
-    scene = Scene.parse(SCENE.format(debris=ball, surface=A_WAVE))
+    scene = thirdbody.Scene.parse(SCENE.format(debris=ball, surface=A_WAVE))
     with pytest.raises(InputError, match="body 0 starts 1 um deep in the lower plate"):
         populate(scene, [], plate_surfaces(scene))
     # the upper plate starts above what it touches first

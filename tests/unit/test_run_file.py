@@ -28,9 +28,7 @@ from thirdbody.trajectory import writer as vtkhdf
 from thirdbody.trajectory.names import BLOCKS, Frame
 from thirdbody.trajectory.writer import TrajectoryWriter
 
-PAGE = 4096
-"""Bytes that the system writes at once: SIGKILL may end a longer write at each of their multiples."""
-
+PAGE = 4096  # bytes that the system writes at once: SIGKILL may end a longer write at each of their multiples
 BODIES = 16
 """So many that a chunk holds four frames, and the index of chunks, 64 to a node, grows by a node at frame 256 and at some 490."""
 

@@ -17,7 +17,7 @@ from thirdbody.engine.upper_plate import Schedule, Segment
 from thirdbody.errors import InputError
 from thirdbody.kernels.schedule import POLYNOMIAL, SINE, TRIANGLE, next_corner
 from thirdbody.kernels.tables import patch, run_totals
-from thirdbody.laws.registry import Registry, discover
+from thirdbody.laws.registry import Registry
 from thirdbody.plugin import HERTZ, MINDLIN, LawFamily, Plugin
 from thirdbody.report.scene_check import check_report, print_check
 from thirdbody.runner.verdicts import _load_ratio
@@ -132,7 +132,7 @@ def test_paths_of_strokes_and_the_times_of_places_on_them():
 
 def test_the_engine_follows_the_schedule():
     text = '[{ramp = "1 m/s", duration = "0.2 us"}, {stroke = "0.3 um", frequency = "5 MHz", cycles = 1}, {velocity = "-1 m/s"}]'
-    built = build(scene(f'load = "1 mN"\nmotion = {{x = {text}}}', 'duration = "0.6 us"\nsettle = "0.1 us"'), discover())
+    built = build(scene(f'load = "1 mN"\nmotion = {{x = {text}}}', 'duration = "0.6 us"\nsettle = "0.1 us"'))
     built.integrator.advance_to(time=0.6e-6)
     assert built.schedule.displacement_at(0.3e-6)[0] > 0.0
     # the path's length is the sum of the steps' lengths: chords of a curve, relative (omega dt)^2/24
@@ -143,32 +143,32 @@ def test_masses_dashpots_and_settling_times_where_the_scene_gives_none():
     drag, d = 'motion = {x = {velocity = "1 mm/s"}}', 2.0 * np.array([5e-6, 5.01e-6, 5.03e-6])
     m, e_star = 7850.0 * np.pi / 6.0 * d**3, 210e9 / (2.0 * (1.0 - 0.3**2))
     critical = 2.0 * np.sqrt(2.0 * e_star * (3.0 * 1e-5 * 0.5 * d / (4.0 * e_star)) ** (1.0 / 3.0) * m.mean())  # k = 2 E* a
-    upper = build(scene(f'support = "load_per_particle"\nload = "10 uN"\n{drag}'), discover()).upper
+    upper = build(scene(f'support = "load_per_particle"\nload = "10 uN"\n{drag}')).upper
     assert upper.plate.mass == pytest.approx(m.mean(), rel=1e-9) and upper.plate.damping == pytest.approx(critical, rel=1e-6)
     fall = 0.25 * d.max()  # of the patch
     assert upper.settle == pytest.approx(math.sqrt(2.0 * fall * (m.max() + m.mean()) / 1e-5) + critical.max() * fall / 1e-5)
-    springs = build(scene(f'support = "foundation"\nstiffness = "10 N/m"\nload = "10 uN"\n{drag}'), discover())
+    springs = build(scene(f'support = "foundation"\nstiffness = "10 N/m"\nload = "10 uN"\n{drag}'))
     common, dashpot = springs.upper.plate.foundation, springs.upper.plate.damping[0]
     assert common.mass == pytest.approx(m.sum(), rel=1e-9) and springs.upper.settle == pytest.approx(12.0 * dashpot / 10.0)
     assert common.damping == pytest.approx(2.0 * math.sqrt(3.0 * 10.0 * m.sum()), rel=1e-9)
-    rigid = build(scene(f'load = "10 uN"\n{drag}'), discover())
+    rigid = build(scene(f'load = "10 uN"\n{drag}'))
     for built, mass in ((rigid, m.mean()), (springs, 2.0 * m.mean())):  # mass and load of the plate in equal parts, and a patch
         number = 1e-3 * np.sqrt((m + mass) / (1e-5 / 3.0 * d)).max()
         assert inertial_number(built.state).number == pytest.approx(number, rel=1e-9)
-    assert build(scene('support = "load_per_particle"\nload = "10 uN"'), discover()).upper.settle == 0.0  # nothing moves
+    assert build(scene('support = "load_per_particle"\nload = "10 uN"')).upper.settle == 0.0  # nothing moves
 
 
 def test_a_closing_gap_presses():
     with pytest.raises(InputError, match="upper.gap: .* is smaller than body 2, .*it would start inside the plate"):
-        build(scene('gap = "10.05 um"'), discover())
-    built = build(scene('gap = "10.001 um"\nclosing = "10 mm/s"', 'duration = "0.5 us"', ball("5 um", "50 um")), discover())
+        build(scene('gap = "10.05 um"'))
+    built = build(scene('gap = "10.001 um"\nclosing = "10 mm/s"', 'duration = "0.5 us"', ball("5 um", "50 um")))
     built.integrator.advance_to(time=0.5e-6)
     assert built.state.patches.height[0] == pytest.approx(10.001e-6 - 0.5e-6 * 10e-3, rel=1e-4)
     assert built.state.A[run_totals.UPPER_FORCE + 2] > 0.0 and built.state.A[run_totals.PLATE_WORK] > 0.0
 
 
 def settled(upper, time=40e-6):
-    built = build(scene(upper, f'duration = "{time} s"'), discover())
+    built = build(scene(upper, f'duration = "{time} s"'))
     built.integrator.advance_to(time=time)
     slots, force = built.state.slots, np.zeros(3)
     for k in np.flatnonzero((slots.histories.slip > 0.0) & (slots.partner < -1)):
@@ -220,13 +220,13 @@ def test_a_stiff_foundation_is_a_rigid_plate():
     assert built.upper.plate.mass == pytest.approx(built.state.bodies.mass.sum(), rel=1e-12)  # where the scene gives none
     assert built.upper.loaded == 1 and built.state.A[run_totals.PLATE_WORK] > 0.0
     assert not any("rests on about 1 of 3" in warning for warning in built.warnings)  # three bodies are no larger layer
-    warnings = build(scene('load = "10 uN"', debris=THREE + ball("5 um", "5 um")), discover()).warnings
+    warnings = build(scene('load = "10 uN"', debris=THREE + ball("5 um", "5 um"))).warnings
     assert any("rests on about 1 of 4 bodies" in warning for warning in warnings)
 
 
 def test_check_says_that_preload_comes_on_top_of_the_load(capsys):
     upper = 'support = "foundation"\nstiffness = "100 N/m"\npreload = "3 uN"\nload = "10 uN"'
-    print_check(check_report(build(scene(upper, 'duration = "1 us"'), discover())))
+    print_check(check_report(build(scene(upper, 'duration = "1 us"'))))
     assert "load 10 uN and 3 uN of preload on each patch (9 uN more in all)" in capsys.readouterr().out
     _, force = settled(upper)
     assert force.sum() == pytest.approx(19e-6, rel=1e-3)  # as above: e^-8
@@ -235,7 +235,7 @@ def test_check_says_that_preload_comes_on_top_of_the_load(capsys):
 def test_a_reversal_clears_the_windows_of_the_labels():
     upper = 'support = "load_per_particle"\nload = "0.1 mN"\n'
     upper += 'motion = {x = {stroke = "0.6 um", frequency = "0.5 MHz", shape = "triangle"}}'
-    built = build(scene(upper, 'duration = "3 us"\nsettle = "2 us"'), discover())
+    built = build(scene(upper, 'duration = "3 us"\nsettle = "2 us"'))
     travel = built.labeller.memory.index("travel")
 
     def travelled(time):
