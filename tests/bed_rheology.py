@@ -140,9 +140,8 @@ def texts(found: dict[float, list[Shear]]) -> dict[str, str]:
         zero, (theirs, fraction) = limit(states), REFERENCE[friction]
         bed, plate = (f"{value:.3f} ± {error:.3f}" for value, error in (zero.bed_friction, zero.plate_friction))
         solid = "{:.4f} ± {:.4f}".format(*zero.solid_fraction)
-        words[f"contact friction {friction:g}"] = (
-            f"friction of the bed {bed} (reference {theirs}), of the plate {plate}; solid fraction {solid} (reference {fraction})"
-        )
+        both = f"friction of the bed {bed} (reference {theirs}), of the plate {plate}"
+        words[f"contact friction {friction:g}"] = f"{both}; solid fraction {solid} (reference {fraction})"
     return words
 
 

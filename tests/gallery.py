@@ -177,16 +177,13 @@ def _section(name: str, measured: dict[str, Any]) -> str:
     parts = [f"## {name}", f"**{question}**", f"![{question}](pictures/{picture(name).name})", text]
     if ENTRIES[name].settings:
         parts.append(f"Picture and numbers are of a shorter run: `{ENTRIES[name].settings}`.")
-    for why, lines in groupby(commands(name), key=lambda command: _why_not_run(command, measured["seconds"])):
+    long = f"{measured['seconds']:.0f} s" * (measured["seconds"] > QUICK)
+    for why, lines in groupby(commands(name), key=lambda line: long or "pictures need OpenGL" * (" render " in line)):
         parts.append((f"<!-- not run: {why} -->\n" if why else "") + "```sh\n" + "\n".join(lines) + "\n```")
     rows = [f"| {key} | {value} |" for key, value in measured.items() if key not in ("scene", "seconds")]
     if rows:
         parts.append("| to expect | |\n| --- | --- |\n" + "\n".join(rows))
     return "\n\n".join(parts)
-
-
-def _why_not_run(command: str, seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds > QUICK else "pictures need OpenGL" * (" render " in command)
 
 
 def main(names: list[str]) -> None:

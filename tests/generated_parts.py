@@ -160,10 +160,6 @@ def run_names() -> str:
     return "\n\n".join(f"### {name}\n\n{markdown(NAME_HEADINGS, rows)}" for name, rows in tables.items())
 
 
-def exit_codes() -> str:
-    return markdown(("code", "meaning"), [(str(code), meaning) for code, meaning in EXIT_CODES.items()])
-
-
 def markdown(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     lines = [headings, ["---"] * len(headings), *rows]
     return "\n".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |" for line in lines)
@@ -172,7 +168,9 @@ def markdown(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 PARTS: dict[str, Callable[[], str]] = {
     "packages": packages, "tables": tables, "laws": laws, "levels": levels, "effects": effects, "measures": measures,
     "kinds": kinds, "sweep_keys": sweep_keys, "sweep_results": sweep_results,
-    "law-data": law_data, "scene-keys": scene_keys, "run-names": run_names, "exit-codes": exit_codes, "gallery": gallery,
+    "law-data": law_data, "scene-keys": scene_keys, "run-names": run_names,
+    "exit-codes": lambda: markdown(("code", "meaning"), [(str(code), words) for code, words in EXIT_CODES.items()]),
+    "gallery": gallery,
 }  # fmt: skip
 
 

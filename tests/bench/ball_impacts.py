@@ -129,7 +129,7 @@ def own_law(ratio: float, yielding: float) -> float:
 
 
 def thornton(ratio: float) -> float:
-    """Restitution of Thornton 1997, Eq. 25, which `tests/theory/test_elastic_plastic.py` holds us against."""
+    """Restitution of Thornton 1997, Eq. 25, which `tests/theory/test_impacts.py` holds us against."""
     y = 1.0 / ratio
     return math.sqrt(1.2 * math.sqrt(3.0) * (1.0 - y * y / 6.0)) * (y / (y + 2.0 * math.sqrt(1.2 - 0.2 * y * y))) ** 0.25
 

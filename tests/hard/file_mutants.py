@@ -225,18 +225,12 @@ def read_balance(path: Path) -> None:
 READERS = {".vtkhdf": read_run, ".balance": read_balance, ".toml": read_scene}
 
 
-def _drawn_here(module: str, job: dict, report: object = None) -> None:
-    """What `render` has drawn by a second process, which would cost seconds; windows are chosen when the worker starts."""
-    from thirdbody.render.render import draw
-
-    draw(json.loads(json.dumps(job)))
-
-
 def run_command(folder: str, target: str, command: str) -> str:
     from thirdbody.cli.main import app
     from thirdbody.render import render
 
-    render.draw_elsewhere = _drawn_here
+    # by a second process it would cost seconds; windows are chosen when the worker starts
+    render.draw_elsewhere = lambda module, job, report=None: render.draw(json.loads(json.dumps(job)))
     report = io.StringIO()
     with redirect_stdout(io.StringIO()), redirect_stderr(report):
         app([command.split()[0], folder, *(word.format(target) for word in COMMANDS[command])], standalone_mode=False)

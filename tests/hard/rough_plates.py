@@ -68,11 +68,6 @@ def normal_forces(run):
     return closed(run)[:, record.NORMAL_FORCE] / LOAD
 
 
-def beside_chord(run):
-    (top,), (low,) = (closed(run, side)[:, record.POINT3] for side in (UPPER, LOWER))
-    return abs(run.friction() + (low[0] - top[0]) / (low[2] - top[2]))
-
-
 def wavy_plate(trial: Trial) -> None:
     """A ball rolls from a crest into a valley: it keeps to the surface, and its forces go along the chord of its contacts.
 
@@ -80,7 +75,12 @@ def wavy_plate(trial: Trial) -> None:
     """
     wave = Sine(amplitude=0.15 * MICRON, wavelength=8.0 * MICRON, phase=math.pi)  # a valley at the origin, a crest in the middle
     run = trial.start(dragged(trial, Waves(wave=(wave,)), 0.3, 0.2))
-    heights, chords = run.follow(every(4e-7, 20), lambda: over_rigid(run), lambda: beside_chord(run))
+
+    def beside_chord():
+        (top,), (low,) = (closed(run, side)[:, record.POINT3] for side in (UPPER, LOWER))
+        return abs(run.friction() + (low[0] - top[0]) / (low[2] - top[2]))
+
+    heights, chords = run.follow(every(4e-7, 20), lambda: over_rigid(run), beside_chord)
     fall = run.position()[2] - R * MICRON
     trial.check_true(f"in the valley ({fall / MICRON:.3f} um)", fall < -0.13 * MICRON)
     trial.check("height over the rigid path, m", np.ptp(heights), SUNK)

@@ -69,9 +69,8 @@ class Worker:
 
 
 def scene(debris=BALLS, motion=MOVING, end="duration", length="2 us", every="0.5 us"):
-    return (
-        STEEL + DEBRIS.format(debris=debris) + edited(PLATES, (MOVING, motion)) + END.format(end=end, length=length, every=every)
-    )
+    end = END.format(end=end, length=length, every=every)
+    return STEEL + DEBRIS.format(debris=debris) + edited(PLATES, (MOVING, motion)) + end
 
 
 @pytest.fixture
@@ -95,13 +94,6 @@ def npz():
     center = np.array([[10, 10, 5], [14, 10, 4], [40, 30, 5], [40, 35, 4]]) * 1e-6
     np.savez(out, center=center, radius=np.array([5, 4, 5, 4]) * 1e-6, clump=np.array([0, 0, 7, 7]))
     return out.getvalue()
-
-
-def spoilt_run(path, sound, rng):
-    kind = rng.choice(("cut", "flip", "flip", "tree", "tree", "tree", "tree"))
-    path.write_bytes(sound if kind == "tree" else M.cut(sound, rng) if kind == "cut" else M.flip(sound, rng))
-    if kind == "tree":
-        M.spoil_tree(path, rng)
 
 
 def spoilt_source(folder, number, rng):
@@ -144,7 +136,10 @@ def test_spoilt_files_are_refused(worker, tmp_path, run_bytes, count):
         rng = Random(number)
         if number % 2:
             path = tmp_path / f"{number}.vtkhdf"
-            spoilt_run(path, run_bytes, rng)
+            kind = rng.choice(("cut", "flip", "flip", "tree", "tree", "tree", "tree"))
+            path.write_bytes(run_bytes if kind == "tree" else M.cut(run_bytes, rng) if kind == "cut" else M.flip(run_bytes, rng))
+            if kind == "tree":
+                M.spoil_tree(path, rng)
         else:
             path = spoilt_source(tmp_path, number, rng)
         kind, text = worker.request(path)

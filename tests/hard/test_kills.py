@@ -62,15 +62,6 @@ def killed_at_random(folder, settings, rng):
     return report(child)
 
 
-def killed_between(folder, settings, rng):
-    return report(start(folder, settings, rng.randint(1, 400)))
-
-
-def killed_soon(folder, settings, rng):
-    """The same within the second frame of a short run: the first has some 20 calls."""
-    return report(start(folder, settings, rng.randint(25, 40)))
-
-
 def opens(folder):
     try:
         with thirdbody.open(folder) as run:
@@ -100,14 +91,17 @@ def survives(tmp_path, case, kill, kills):
 
 
 @pytest.mark.full(kind="hard")
-@pytest.mark.parametrize("kill", [killed_at_random, killed_between])
+@pytest.mark.parametrize("kill", [
+    killed_at_random, lambda folder, settings, rng: report(start(folder, settings, rng.randint(1, 400))),
+], ids=["at random", "between writes"])  # fmt: skip
 @pytest.mark.parametrize("case", [name for name in CASES if name != "short"])
 def test_twenty_kills(tmp_path, case, kill):
     survives(tmp_path, case, kill, 20)
 
 
 def test_a_kill(tmp_path):
-    survives(tmp_path, "short", killed_soon, 1)
+    # within the second frame of a short run: the first has some 20 calls
+    survives(tmp_path, "short", lambda folder, settings, rng: report(start(folder, settings, rng.randint(25, 40))), 1)
 
 
 @pytest.mark.full(kind="hard")

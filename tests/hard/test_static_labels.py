@@ -3,17 +3,18 @@
 A run has inertia: a particle that snaps over may land in another seat than the one that it turns into without, so 5 % may differ.
 One that `balance` stops has no static state on its way: the run must roll. A planar particle's static states are known apart from
 the engine: postures of a rigid particle between rigid parallel plates in which friction can hold the spots that touch, over all
-tilts on the side to which it falls (3 of 140 have one on the other side only, uphill). Clumps, in stable poses, all find one.
-"""
+tilts on the side to which it falls (3 of 140 have one on the other side only, uphill). Clumps, in stable poses, all find one."""
 
 import math
 
 import numpy as np
 import pytest
-from random_particles import clump, planar
+from scipy.spatial.transform import Rotation
 from thirdbody_three_spot.balance import balance
 
 import thirdbody
+from thirdbody.bodies.irregular_clumps import irregular
+from thirdbody.bodies.resting_poses import settle_all
 
 pytestmark = pytest.mark.full(kind="hard")
 LOAD, DRAG, EVERY = 1e-4, 1.6e-6, 20e-9  # the drag is two to three windows of a clump, and more of a planar particle
@@ -125,3 +126,24 @@ def test_random_clumps_are_pressed():
         result = balanced({"clump": balls(centers, radii)}, mu)
         assert result.stopped is None, seed
         assert math.isfinite(sum(result.points[0].N)) and "sticking" in result.forecast.possible, seed
+
+
+def planar(seed):
+    """One to three spots above and below, heights of 2 um up to .1 um apart; and a friction."""
+    draw = np.random.default_rng([21, seed])
+    above, below = (int(n) for n in draw.integers(1, 4, 2))
+    spots = []
+    for side, count, sign in (("upper", above, 1.0), ("lower", max(below, 3 - above), -1.0)):
+        for _ in range(count):
+            z, x, radius = 2e-6 + draw.uniform(-1e-7, 1e-7), draw.uniform(-2e-6, 2e-6), draw.uniform(0.5e-6, 2e-6)
+            spots.append({"side": side, "x": float(x), "z": float(sign * z), "radius": float(radius)})
+    return spots, float(draw.uniform(0.1, 0.6))
+
+
+def clump(seed):
+    """Centres (n, 3) and radii (n,) of four to eight spheres, 10 um in all, in a stable pose; and a friction."""
+    draw = np.random.default_rng([22, seed])
+    body = irregular(draw, int(draw.integers(4, 9)), (1.0, 0.8, 0.6), 10e-6)
+    (quaternion,), _ = settle_all([body], draw)
+    centers = Rotation.from_quat(np.roll(quaternion, -1)).apply(body.centers)
+    return centers, body.radii, float(draw.uniform(0.1, 0.6))

@@ -71,9 +71,8 @@ def test_the_explicit_run_is_not_chaotic(name):
 if __name__ == "__main__":
     for name in sys.argv[1:] or SCENES:
         base = story(name, "explicit")
-        print(
-            f"{name}: explicit {base.seconds:.1f} s, friction {base.friction.mean():.4f}, {base.met.mean():.2f} have met another"
-        )
+        met = f"{base.met.mean():.2f} have met another"
+        print(f"{name}: explicit {base.seconds:.1f} s, friction {base.friction.mean():.4f}, {met}")
         for words, other in (("1e-9 apart", story(name, "explicit", NUDGE)), ("implicit", story(name, "implicit"))):
             least = 100.0 * np.min(np.mean(base.labels == other.labels, axis=1))
             print(f"    {words}: {agreement(base, other)}; least at a stop {least:.1f} %; {other.seconds:.1f} s", flush=True)

@@ -34,13 +34,6 @@ def runs(folder, integrator):
 BAND = 0.02  # relative distance of mu from t_min and t_max within which the answer is open
 
 
-def doubtful(bodies, friction):
-    near = np.zeros(len(bodies["t_min"]), bool)
-    for end in ("t_min", "t_max"):
-        near |= np.abs(bodies[end] - friction) <= BAND * friction
-    return near
-
-
 def changes(run, start):
     return np.count_nonzero(np.diff(run.states[start + 1 :].astype(int), axis=0), axis=0)
 
@@ -55,7 +48,7 @@ def table(request, tmp_path_factory):
     for friction, run in runs(tmp_path_factory.mktemp("forecast"), request.param):
         found = compare_forecast(run)
         bodies = run.bodies(found["frame"])
-        clear = ~doubtful(bodies, friction)
+        clear = np.all([np.abs(bodies[end] - friction) > BAND * friction for end in ("t_min", "t_max")], axis=0)
         wrong = [b for name in ("rolls_instead", "slides_instead") for b in found[name] if clear[b]]
         report = int(np.count_nonzero(clear & (run.forecast[found["frame"]] != 4)))
         row = {"friction": friction, "forecast": report, "agree": report - len(wrong), "wrong": wrong}

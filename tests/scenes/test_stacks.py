@@ -24,9 +24,8 @@ R, LOAD, SPEED, PATH = 10.0, 0.2, 0.1, 0.6
 so that a window of four of them has closed before the last frame."""
 Body = tuple[str, list[tuple[float, float, float, float]], tuple[float, float, float]]
 Reported = tuple[str, str, int]  # state, reason, sliding side
-HEXAGON = [(0.0, 0.0, 0.0, R)] + [
-    (6.0 * math.cos(k * math.pi / 3.0), 6.0 * math.sin(k * math.pi / 3.0), 0.0, R) for k in range(6)
-]
+ANGLES = [k * math.pi / 3.0 for k in range(6)]
+HEXAGON = [(0.0, 0.0, 0.0, R)] + [(6.0 * math.cos(angle), 6.0 * math.sin(angle), 0.0, R) for angle in ANGLES]
 
 
 def feet(*columns: float) -> list[tuple[float, float, float, float]]:
@@ -64,9 +63,8 @@ def pairs(stack: Stack, names: list[str]) -> str:
 def debris(body: Body, view: View) -> str:
     material, balls, (x, y, z) = body
     sign, unit = (-1.0 if view.mirrored else 1.0), view.unit
-    shape = ", ".join(
-        f'{{center = ["{sign * u} {unit}", "{v} {unit}", "{w} {unit}"], radius = "{r} {unit}"}}' for u, v, w, r in balls
-    )
+    ball = '{{center = ["{0} {4}", "{1} {4}", "{2} {4}"], radius = "{3} {4}"}}'
+    shape = ", ".join(ball.format(sign * u, v, w, r, unit) for u, v, w, r in balls)
     position = f'["{0.5 * PITCH + sign * x} {unit}", "{0.5 * PITCH + y} {unit}", "{z} {unit}"]'
     return f'[[debris]]\nkind = "spheres"\nmaterial = "{material}"\nshape = [{shape}]\npositions = [{position}]\n'
 

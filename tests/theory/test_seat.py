@@ -89,14 +89,12 @@ def test_a_particle_that_tips_over_has_no_static_state_and_no_forecast_of_one():
 @each([{"load": 1e-4}, {"indentation": 10e-9}])
 def test_blunt_spots_turn_until_their_centres_lie_above_each_other(path):
     """As two convex lenses. Of spheres whose centres almost coincide none turns so far, however little is unbalanced."""
-    lens = [
-        spot(side, x, z) | {"y": y * 1e-6, "radius": 4e-6} for side, x, y, z in (("upper", 0.5, 0.3, 2.0), ("lower", 0, 0, -2.0))
-    ]
+    places = ("upper", 0.5, 0.3, 2.0), ("lower", 0, 0, -2.0)
+    lens = [spot(side, x, z) | {"y": y * 1e-6, "radius": 4e-6} for side, x, y, z in places]
     seat = pressed(lens, mu=0.0, **path).seat
     # the centres are 4 um apart in height; the forces balance to 1e-9 of themselves, a way of 4e-9 of the arm
-    assert seat.rotation == pytest.approx(
-        np.array([-0.3, 0.5, 0.0]) / np.hypot(0.3, 0.5) * math.atan(np.hypot(0.3, 0.5) / 4.0), abs=1e-8
-    )
+    apart = np.hypot(0.3, 0.5)
+    assert seat.rotation == pytest.approx(np.array([-0.3, 0.5, 0.0]) / apart * math.atan(apart / 4.0), abs=1e-8)
     ball = [spot("upper", 0.004, 2.0) | {"radius": 1.999e-6}, spot("lower", 0.0, -2.0) | {"radius": 1.999e-6}]
     stopped = pressed(ball, mu=0.0, **path).stopped
     assert stopped.label == "rolling" and stopped.message.startswith("no static state exists while it is pressed")
@@ -155,9 +153,8 @@ class Particle:
         self.upper, self.radius = np.arange(count) < uppers, rng.uniform(0.5e-6, SIZE, count)
         self.sign = np.where(self.upper, 1.0, -1.0)
         far = SIZE * np.where(np.where(self.upper, uppers, lowers) > 1, rng.uniform(0.7, 1.0, count), 0.1)
-        self.p = np.column_stack(
-            [far * np.cos(corner), far * np.sin(corner), self.sign * (SIZE - rise * rng.uniform(size=count))]
-        )
+        heights = self.sign * (SIZE - rise * rng.uniform(size=count))
+        self.p = np.column_stack([far * np.cos(corner), far * np.sin(corner), heights])
 
     def turned(self, tilt):
         """Summits (n, 3) of spheres that turn with the particle."""

@@ -22,9 +22,8 @@ WRENCHES = {
     "weight, pull and torque": (0.05, -0.03, -0.5, 0.02, 0.05, -0.03),
 }  # over the load of the upper side, and that times a micrometre
 UPDATE = plain(classify.update_history)
-LABEL, WITHOUT_FORECASTS, WITHOUT_EFFECTS = map(
-    plain, (classify.label, classify.label_without_forecasts, classify.label_without_effects)
-)
+LABELS = classify.label, classify.label_without_forecasts, classify.label_without_effects
+LABEL, WITHOUT_FORECASTS, WITHOUT_EFFECTS = map(plain, LABELS)
 
 
 def label(upper, lower, heights, wrench, frictions, drag, kernel=LABEL):

@@ -207,14 +207,10 @@ def alter(path: Path) -> None:
     path.write_bytes(content)
 
 
-def replace_by_folder(path: Path) -> None:
-    path.unlink()
-    (path / "inner").mkdir(parents=True)
-
-
 DAMAGE = {
     "cut short": lambda path: path.write_bytes(path.read_bytes()[: path.stat().st_size // 2]), "altered": alter,
-    "zero bytes": lambda path: path.write_bytes(b""), "missing": Path.unlink, "a folder": replace_by_folder,
+    "zero bytes": lambda path: path.write_bytes(b""), "missing": Path.unlink,
+    "a folder": lambda path: (path.unlink(), (path / "inner").mkdir(parents=True)),
 }  # fmt: skip
 
 

@@ -192,9 +192,8 @@ def test_a_trial_that_a_guard_stops_is_a_warning():
     built = build(scene(("[output]", 'time_step = "30 ns"\n[output]')), force=True)
     report = check.check_report(built)
     assert math.isnan(report["estimated_wall_time"])
-    assert report["warnings"][0].startswith(
-        "a trial of the first steps was stopped by a guard, and so will the run be: stopped at"
-    )
+    words = "a trial of the first steps was stopped by a guard, and so will the run be: stopped at"
+    assert report["warnings"][0].startswith(words)
 
 
 def test_warnings_come_first_and_in_json(capsys):

@@ -151,10 +151,8 @@ def test_what_is_timed_is_the_run(integrator, tmp_path):
 
 
 class MadeUpBench(Bench):
-    """A clock of its own: each run takes so many seconds, and one more to start, on a machine of this pace.
-
-    Laws take `compiling` seconds in another process: 6, `exact` 14 and `coulomb` 3 times that.
-    """
+    """A clock of its own: each run takes so many seconds, and one more to start, on a machine of this pace. Laws take `compiling`
+    seconds in another process: 6, `exact` 14 and `coulomb` 3 times that."""
 
     pace = end = 0.0
 
@@ -172,7 +170,8 @@ class MadeUpBench(Bench):
         self.now += seconds
 
     def submit(self, function, one, arguments):
-        cpu = self.each * (6.0 if one is not compile_law else compiling_of(arguments[1]["contact.level"]))
+        level = arguments[1]["contact.level"] if one is compile_law else None
+        cpu = self.each * {"exact": 14.0, "coulomb": 3.0}.get(level, 6.0)
         self.compiled = max(self.now, self.compiled) + cpu * self.pace
         return SimpleNamespace(done=lambda at=self.compiled: self.now >= at, result=lambda: (None, cpu), exception=lambda: None)
 
@@ -196,10 +195,6 @@ class MadeUpBench(Bench):
         if self.left() < 0.0:
             raise Overdue
         return self.costs(point) * self.pace, self.costs(point)
-
-
-def compiling_of(level):
-    return {"exact": 14.0, "coulomb": 3.0}.get(level, 6.0)
 
 
 def studied(bench, tmp_path):
@@ -249,9 +244,8 @@ def test_a_budget_that_holds_nothing_is_refused_and_leaves_no_folder(monkeypatch
 
 def test_a_copy_takes_the_time_that_it_is_made_for(file, tmp_path):
     """And the explicit step of all its variants is the smallest that `auto` takes."""
-    source = StudySource(
-        file, {"solver.integrator": "explicit", "solver.distance": "4 mm", "output.every": "0.1 mm"}, tmp_path, []
-    )
+    changes = {"solver.integrator": "explicit", "solver.distance": "4 mm", "output.every": "0.1 mm"}
+    source = StudySource(file, changes, tmp_path, [])
     copy = make_copy(source, 0.02, True)
     scene = thirdbody.Scene.parse(copy.scene)
     assert scene.solver.distance < 4e-3 and "4 mm" in copy.reduction[0] and "the smallest that `auto` takes" in copy.reduction[-1]

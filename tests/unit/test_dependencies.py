@@ -14,12 +14,6 @@ from thirdbody.jit.cache import paused
 from thirdbody.kernels.table import Table, number, skip, vector
 from thirdbody.laws.generated import sources
 
-
-def unload(*packages: str) -> None:
-    for name in [name for name in sys.modules if name.partition(".")[0] in packages]:
-        del sys.modules[name]
-
-
 # an installed package with a helper of another one, and tables in a data file
 LAW = """\
 from pathlib import Path
@@ -105,7 +99,8 @@ def digests(folder: Path, changes: dict[str, str], apart=False) -> dict[str, str
         patch.syspath_prepend(str(folder))
         law = importlib.import_module("law")
         found = {name: sources([getattr(law, name)]) for name in KERNELS}
-    unload("law", "helper_a", "helper_b")
+    for name in [name for name in sys.modules if name.partition(".")[0] in ("law", "helper_a", "helper_b")]:
+        del sys.modules[name]
     return found
 
 
@@ -143,9 +138,8 @@ def test_a_table_that_moves_a_column_changes_what_reads_it():
         Table("m", "a body", path=vector(2, "m", "path"), worn=number("m3", "volume")),
     ]
     assert len({sources([with_table(table)]) for table in tables}) == len(tables)
-    assert sources([with_table(tables[0])]) == sources(
-        [with_table(Table("m", "a body", other=skip(1), worn=number("m3", "volume")))]
-    )
+    other = Table("m", "a body", other=skip(1), worn=number("m3", "volume"))
+    assert sources([with_table(tables[0])]) == sources([with_table(other)])
 
 
 class Cycle:

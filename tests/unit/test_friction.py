@@ -296,6 +296,5 @@ def test_words_for_what_limited_the_steps():
     assert summary["largest_fraction_rolling"] == 0.5  # over all frames
     before, at_end, rolled = summary["warnings"]
     assert (before, at_end) == ("before", "at the end") and "50 % of the bodies rolled" in rolled and "momentum" in rolled
-    assert run_summary(Drag(run), friction_of(Drag(run)), None, {"patches_not_carried": None})["warnings"] == [
-        "before"
-    ]  # with inertia
+    summary = run_summary(Drag(run), friction_of(Drag(run)), None, {"patches_not_carried": None})
+    assert summary["warnings"] == ["before"]  # with inertia

@@ -19,15 +19,11 @@ from thirdbody.jit.options import CHUNK, HELPER, OPTIONS
 NUMBERS = np.array([3.5, -1.0, 0.0, -0.0, math.nan, math.inf, 7.25, -2.5])
 
 
-def uncached(options):
-    return {key: value for key, value in options.items() if key != "cache"}
-
-
 def ours(function, options=CHUNK):
     """Compiled as our kernels are: inside another, since inner kernels have no machine code of their own."""
     inner = njit(**options)(function)
 
-    @njit(**uncached(OPTIONS))
+    @njit(**{key: value for key, value in OPTIONS.items() if key != "cache"})
     def outer(*arguments):
         return inner(*arguments)
 

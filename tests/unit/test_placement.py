@@ -21,7 +21,6 @@ from thirdbody.bodies.overlap_removal import pack
 from thirdbody.bodies.packing import overlaps, place_layer, projected_area
 from thirdbody.bodies.resting_poses import settle_all
 from thirdbody.errors import InputError, Interrupted
-from thirdbody.laws.registry import discover
 from thirdbody.rotations import matrix_from_quaternion
 
 COUNT, UM, SIZE = 30, 1e-6, (50e-6, 50e-6)
@@ -324,9 +323,8 @@ def test_an_ensemble_is_moved_out_of_the_floor_only(tmp_path):
     # bodies that do not see each other keep x and y; the patches come to rest on them
     table = BALL | {"center": np.array([[20e-6, 20e-6, 3e-6], [24e-6, 20e-6, 9e-6]])}
     scene = prepared(tmp_path, table, 'support = "load_per_particle"\nload = "0.1 mN"')
-    position = build(
-        scene.with_settings({"contact.debris_contact": "none", "solver.integrator": "explicit"}), discover()
-    ).state.bodies.position
+    alone = scene.with_settings({"contact.debris_contact": "none", "solver.integrator": "explicit"})
+    position = build(alone).state.bodies.position
     assert np.array_equal(position[:, :2], table["center"][:, :2]) and position[1, 2] == table["center"][1, 2]
     # out of the floor, and beyond by one step of the relaxation at most: a tenth of the radius
     assert 5e-6 < position[0, 2] <= 5.5e-6

@@ -235,9 +235,8 @@ def test_histograms_count_every_contact_of_the_frame_by_state(run):
                 # 1/11, 2/11 and so on and random numbers keep clear of the edges at k/25 of the largest, but for the largest
                 place = np.minimum((25.0 * values[states == code] / values.max()).astype(int), 24)
                 assert [p.get_height() for p in own] == np.bincount(place, minlength=25).tolist()
-        assert (
-            title(axes["utilisation"]) == f"Contacts, {'frame 20' if frame == 20 else 'at the end'}: 8 % slip"
-        )  # one of twelve at the limit
+        when = "frame 20" if frame == 20 else "at the end"
+        assert title(axes["utilisation"]) == f"Contacts, {when}: 8 % slip"  # one of twelve at the limit
 
 
 def test_unloaded_intervals_are_shaded_not_counted(tmp_path, monkeypatch):

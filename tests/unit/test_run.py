@@ -27,10 +27,6 @@ def frame_with(number: int, **more):
     return replace(frame, series=frame.series | series, clumps=frame.clumps | more)
 
 
-def with_forecast(number: int):
-    return frame_with(number, forecast=np.full(3, number % 4, np.uint8))
-
-
 def write(folder, frames: int = FRAMES, **options):
     options = {"frame": frame_with, "header": HEADER | {"units": UNITS}} | options
     return write_frames(folder / "run.vtkhdf", range(frames), **options)
@@ -73,7 +69,9 @@ def test_histories_names_series_and_units(run, tmp_path):
         _ = run.forecast
     assert not hasattr(run, "forecast")
     (tmp_path / "with").mkdir()
-    with open_run(write(tmp_path / "with", frame=with_forecast)) as other:
+    with open_run(
+        write(tmp_path / "with", frame=lambda number: frame_with(number, forecast=np.full(3, number % 4, np.uint8)))
+    ) as other:
         np.testing.assert_array_equal(other.forecast[:, 0], [0, 1, 2, 3, 0])
 
 

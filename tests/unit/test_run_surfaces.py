@@ -210,18 +210,14 @@ def browse(page, *options):
     return subprocess.run([*start, *limits, *options, page.as_uri()], capture_output=True, text=True, timeout=PATIENCE).stdout
 
 
-def pixels_of(page, picture):
-    browse(page, f"--screenshot={picture}")
-    with Image.open(picture) as image:
-        return np.array(image.convert("RGB"), int)
-
-
 @pytest.mark.full(kind="browser")
 @needs_browser
 @pytest.mark.parametrize("view", ["iso", "side", "front", "top"])
 def test_a_browser_shows_bodies_and_legend(layer, tmp_path, view):
     page = render(layer, tmp_path / "a.html", view=view)
-    pixels = pixels_of(page, tmp_path / "a.png")
+    browse(page, f"--screenshot={tmp_path / 'a.png'}")
+    with Image.open(tmp_path / "a.png") as image:
+        pixels = np.array(image.convert("RGB"), int)
     stage, foot = pixels[80:420], pixels[420:]
     for state in ("sticking", "sliding", "rolling"):
         assert hue_share(stage, STATE_COLORS[state]) > 0.001, state  # bodies; along the drag one hides the other
