@@ -57,9 +57,7 @@ FORMS = {
 }  # fmt: skip
 """Words, and the lines that each stands in; an underscore stands for a blank."""
 OPTIONS = {
-    "render run -o q.png --width=200 --height=200": (
-        "zoom", "frame", "body", "fps", "width", "height", "view", "color", "camera",
-    ),
+    "render run -o q.png --width=200 --height=200": "zoom frame body fps width height view color camera".split(),
     "render run -o q.gif --width=200 --height=200": ("frames", "fps", "body"), "plot run -o q.png": ("frame", "panel"),
     "states run": ("frame",), "export run --csv q --overwrite": ("frame",), "map --json": ("H", "half-width"),
     "balance balance.toml": ("level",), "cost scene.toml": ("repeats",),

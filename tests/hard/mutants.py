@@ -18,12 +18,9 @@ SMALL = {name: (36, ["30 um", "30 um"]) for name in ("dense_layer", "angular_bed
     "scanned_debris": (3, ["40 um", "30 um"]), "million": (36, ["150 um", "120 um"]), "sticky_submicron": (36, ["1 um", "1 um"]),
 }  # fmt: skip
 LONG = "x" * 100_000
-DEEP: dict[str, Any] = {}
+DEEP, DEEP_LIST = {}, []  # type: ignore[var-annotated]
 for _ in range(60):
-    DEEP = {"a": DEEP}
-DEEP_LIST: list[Any] = []
-for _ in range(60):
-    DEEP_LIST = [DEEP_LIST]
+    DEEP, DEEP_LIST = {"a": DEEP}, [DEEP_LIST]
 
 # in no place of a scene but a title or a name can these be right
 NEVER: tuple[Any, ...] = (
@@ -130,9 +127,8 @@ def spoil(document: dict[str, Any], rng: Random) -> bool:
             above[last], one[other[-1]] = one[other[-1]], two
     elif kind == "add":
         where = rng.choice([(), *(p for p in known if isinstance(entry(document, p), dict))])
-        entry(document, where)[rng.choice(("exec", "__class__", "file", "count", "height", "x", "", "a.b", "\x00", "é"))] = (
-            spoilt_value(rng)[0]
-        )
+        value, _ = spoilt_value(rng)
+        entry(document, where)[rng.choice(("exec", "__class__", "file", "count", "height", "x", "", "a.b", "\x00", "é"))] = value
     elif kind == "again" and isinstance(above, list):
         above[:] = [copy.deepcopy(one) for _ in range(rng.choice((2, 3, 40))) for one in above]
     elif kind == "file":
@@ -143,13 +139,10 @@ def spoil(document: dict[str, Any], rng: Random) -> bool:
             if which == "mesh":
                 document["debris"][0] |= {"unit": "1 um", "count": 2}
         else:
-            upper = (
-                document.setdefault("plates", {}).setdefault("upper", {}) if isinstance(document.get("plates", {}), dict) else {}
-            )
+            plates = document.setdefault("plates", {})
+            upper = plates.setdefault("upper", {}) if isinstance(plates, dict) else {}
             if isinstance(upper, dict):
-                upper["motion" if which == "motion" else "loading"] = (
-                    {"x": {"table": name}} if which == "motion" else {"table": name}
-                )
+                upper[which] = {"x": {"table": name}} if which == "motion" else {"table": name}
         return True
     elif kind == "kind":
         other = tomllib.loads(rng.choice(SCENES).read_text(encoding="utf-8"))
@@ -220,16 +213,9 @@ def setting(document: dict[str, Any], rng: Random) -> tuple[str, str]:
     return rng.choice((".".join(words), "".join(f"[{word}]" for word in words), ".." + ".".join(words))), value
 
 
-_PART = re.compile(r'"([^"]*)"|\[(\d+)\]|([^.\[\]"]+)')
-
-
-def reported_keys(fault: Fault) -> list[str | int]:
-    return [int(index) if index else quoted or bare for quoted, index, bare in _PART.findall(fault.key)]
-
-
 def names_a_key(fault: Fault, document: Any) -> bool:
-    parts = reported_keys(fault)
-    node = document
+    found = re.findall(r'"([^"]*)"|\[(\d+)\]|([^.\[\]"]+)', fault.key)
+    parts, node = [int(index) if index else quoted or bare for quoted, index, bare in found], document
     for k, part in enumerate(parts):
         if isinstance(node, dict) and part in node or isinstance(node, list) and isinstance(part, int) and part < len(node):
             node = node[part]

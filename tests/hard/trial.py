@@ -142,8 +142,6 @@ class CaseRun:
             self.trial.check_true("the bodies part", False)
         self.end()
 
-    # ---- observed quantities --------------------------------------------------------------------------------------------------
-
     def label(self, number: int = 0) -> tuple[str, str]:
         labeller, row = self.simulation.labeller, self.integrator.label()[number]
         return labeller.states[int(row[0])], labeller.reasons[int(row[1])]
@@ -181,9 +179,6 @@ class CaseRun:
     def normal_loss(self) -> float:
         """Return what flow and necks have taken from all bodies since the start [J]; 0 without the column for it."""
         return float(self.state.E[:, body_extra.NORMAL_LOSS : body_extra.NORMAL_LOSS + 1].sum())
-
-
-# scenes -------------------------------------------------------------------------------------------------------------------------
 
 
 def every(step: float, count: int) -> list[float]:

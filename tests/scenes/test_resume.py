@@ -26,8 +26,7 @@ from thirdbody.runner.run_folder import RunFolder
 from thirdbody.runner.run_loop import RunLoop, WallTimes
 from thirdbody.runner.simulate import execute, prepare
 
-ALONE = {"contact.debris_contact": "none"}
-IMPLICIT = {"solver.integrator": "implicit"}
+ALONE, IMPLICIT = {"contact.debris_contact": "none"}, {"solver.integrator": "implicit"}
 RIGID = {"plates.upper.support": "rigid", "plates.upper.load": "1 mN"}
 MEET = {"solver.distance": "0.6 um", "output.every": "0.2 um"}
 FAST = {"plates.upper.motion.x.velocity": "1 m/s", "solver.integrator": "explicit", "solver.settle": "1 us"}
@@ -42,10 +41,8 @@ DRIVERS = {
     "Implicit meeting together": MEET | RIGID,
 }  # fmt: skip
 """Class of the integrator, and whether bodies meet or carry one plate together; two to four outputs each."""
-SHORT = {"solver.distance": "0.2 um", "output.every": "0.1 um"}
-LONG = {"solver.distance": "2 um", "output.every": "0.5 um"}
-SMALL = {"debris.0.count": "100"}
-MANY = {"debris.0.count": "600"}
+SHORT, LONG = ({"solver.distance": way, "output.every": every} for way, every in (("0.2 um", "0.1 um"), ("2 um", "0.5 um")))
+SMALL, MANY = {"debris.0.count": "100"}, {"debris.0.count": "600"}
 CASES = {
     "sheared_debris": ("sheared_debris", {"debris.0.count": "30", "solver.distance": "0.5 um", "output.every": "0.1 um"}),
     "sheared_debris implicit": ("sheared_debris", ALONE | MANY | LONG),
@@ -90,9 +87,9 @@ def after(watches):
     return lambda: next(counter) >= watches
 
 
-def cut(scene, folder, watches):
+def cut(simulation, folder, watches, **keys):
     try:
-        execute(prepare(scene), folder, stop=after(watches))
+        execute(simulation, folder, stop=after(watches), **keys)
     except Interrupted:
         return True
     return False
@@ -106,16 +103,12 @@ def check_in_pieces(scene, folder):
     assert state.distance > 0.0
     # the displacement of every patch is the integral of the plate's velocity, a sum over steps: rounding of up to 1e5 of them
     assert state.patches.displacement == pytest.approx(np.tile(moved, (len(state.P), 1)), rel=1e-9, abs=1e-9 * state.distance)
-    stopped, pieces = cut(scene, folder / "cut", 3), 0
+    stopped, pieces = cut(prepare(scene), folder / "cut", 3), 0
     while stopped:
         pieces += 1
         simulation, kept = prepare_resume(folder / "cut")
-        stopped = False
-        try:
-            # each piece on another number of cores, and eight times as long as the one before
-            execute(simulation, folder / "cut", threads=1 + pieces % 2, checkpoint=kept, stop=after(8**pieces))
-        except Interrupted:
-            stopped = True
+        # each piece on another number of cores, and eight times as long as the one before
+        stopped = cut(simulation, folder / "cut", 8**pieces, threads=1 + pieces % 2, checkpoint=kept)
     assert pieces > 0, "the scene is too short to be stopped"
     whole, joined = contents(folder / "whole"), contents(folder / "cut")
     assert whole.keys() == joined.keys() and [key for key in whole if whole[key] != joined[key]] == []
@@ -175,7 +168,7 @@ def test_a_finished_run_goes_further(tmp_path, driver):
 @pytest.fixture(scope="module")
 def stopped(tmp_path_factory):
     folder = tmp_path_factory.mktemp("resume") / "cut"
-    assert cut(of_driver("Explicit"), folder, 3)
+    assert cut(prepare(of_driver("Explicit")), folder, 3)
     return folder
 
 
@@ -276,7 +269,7 @@ def test_a_cut_checkpoint_is_refused_and_a_flipped_byte_noticed_wherever_it_is(c
 
 def test_a_checkpoint_of_another_scene_is_refused(tmp_path, copy):
     """Tables of another shape, which a compiled loop would read past their ends."""
-    cut(of_driver("Explicit", **{"debris.0.count": 3}), tmp_path / "other", 1)
+    cut(prepare(of_driver("Explicit", **{"debris.0.count": 3})), tmp_path / "other", 1)
     (simulation, kept), other = prepare_resume(copy), read_checkpoint(tmp_path / "other")
     with pytest.raises(InputError, match=r"does not fit this scene \(S is missing|does not fit this scene \(. holds float64"):
         execute(simulation, copy, checkpoint=replace(kept, snapshot=other.snapshot))
@@ -317,7 +310,7 @@ def test_a_run_in_which_nothing_touches_goes_on(tmp_path):
     execute(prepare(scene), tmp_path / "whole")
     assert len(thirdbody.open(tmp_path / "whole").plates()["position"]) == 4  # no upper plate
     (tmp_path / "cut").mkdir()  # an empty folder is used
-    assert cut(scene, tmp_path / "cut", 3)
+    assert cut(prepare(scene), tmp_path / "cut", 3)
     simulation, kept = prepare_resume(tmp_path / "cut")
     assert kept.snapshot.notes["integrator"]["bound"]["stability"] == math.inf
     execute(simulation, tmp_path / "cut", checkpoint=kept)

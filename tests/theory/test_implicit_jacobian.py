@@ -104,8 +104,6 @@ ONE = {
 }  # fmt: skip
 
 
-# -- a body of four spheres between two surfaces --
-
 OFFSETS = np.array([[1.0, 0.2, -0.5], [-0.7, 0.9, -0.4], [-0.5, -0.8, -0.6], [0.3, 0.1, 0.9]])
 RADIUS, OVERLAP, DT = 1.0, 0.05, 10.0
 

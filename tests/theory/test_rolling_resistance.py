@@ -175,8 +175,6 @@ def test_the_rolling_spring_counts_in_the_bound_of_the_time_step(make, mu_r):
     assert limit / math.sqrt(1.12) < bound(state, simulation.integrator.materials, 0, 0.0).stability < limit
 
 
-# -- pivoting --
-
 SMALL, LOAD, MIDDLE, FRICTION = 5e-6, 1e-4, 1e-4, 0.3
 FULL_SLIP = 3.0 * math.pi / 16.0  # moment over mu N a of a Hertz contact that slips throughout, in torsion
 
@@ -257,10 +255,8 @@ def test_below_the_limit_a_ball_sways_on_its_springs(make, ratio):
 
 
 def test_an_impact_changes_the_spins_by_the_moment_of_its_load(make):
-    """I dw = (3 pi/16) mu int N a dt for balls that spin against each other: N a = 4/3 E* R* d^2, in an elastic impact
-
-    d^2 dt integrates to (4/5) D^3/v B(6/5, 1/2), with the largest overlap D and the relative speed v.
-    """
+    """I dw = (3 pi/16) mu int N a dt for balls that spin against each other: N a = 4/3 E* R* d^2, in an elastic impact d^2 dt
+    integrates to (4/5) D^3/v B(6/5, 1/2), with the largest overlap D and the relative speed v."""
     speed, spin, radius = 1.0, 1e6, 1e-3
     keys = {"effects": pivoting(), "friction": FRICTION, "restitution": 1.0}
     simulation = make.two_balls(make.STEEL, radius, (speed, 0.0, 0.0), (spin, 0.0, 0.0), **keys)

@@ -3,6 +3,7 @@
 import itertools
 import json
 import re
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
@@ -198,19 +199,8 @@ def test_a_raft_closes_with_its_images_but_a_diagonal_and_a_block_do_not(tmp_pat
     for centres, accepted in ((sheet, True), (diagonal, False), (block, False)):
         n = len(centres)
         table = {"center": centres * UM, "radius": np.full(n, 5.2 * UM), "clump": np.zeros(n, int)}
-        if accepted:
+        with nullcontext() if accepted else pytest.raises(InputError, match="own image"):
             assert len(populate(prepared(tmp_path, table), []).clumps) == 1
-        else:
-            with pytest.raises(InputError, match="own image"):
-                populate(prepared(tmp_path, table), [])
-
-
-def stored_by_overlaps(table):
-    """Energy of the overlaps of a table of balls by Hertz [J]: 8/15 E* sqrt(R) d^2.5."""
-    r = table["radius"]
-    depth = np.maximum(-gaps(np.column_stack((table["center"], r)), np.arange(len(r)), SIZE, True), 0.0)
-    curvature = np.sqrt(r[:, None] * r / (r[:, None] + r))
-    return 0.5 * float(np.sum(8.0 / 15.0 * 210e9 / (2.0 * (1.0 - 0.3**2)) * curvature * depth**2.5))
 
 
 def test_a_bed_with_overlaps_of_a_third_is_relaxed_and_runs_on(tmp_path, command):
@@ -223,8 +213,13 @@ def test_a_bed_with_overlaps_of_a_third_is_relaxed_and_runs_on(tmp_path, command
     assert change["pairs_before"] > 80 and change["overlap_before"] > 0.3 and change["overlap_after"] == 0.0
     assert change["bodies_moved"] == 40 and UNLOADED_OVERLAP < change["expected_overlap"] < 0.1
     assert 0.0 < change["mean_displacement"] < change["largest_displacement"] < 6.0  # the bed grows by some 60 %
+    # energy of the overlaps by Hertz [J]: 8/15 E* sqrt(R) d^2.5
+    r = table["radius"]
+    depth = np.maximum(-gaps(np.column_stack((table["center"], r)), np.arange(len(r)), SIZE, True), 0.0)
+    curvature = np.sqrt(r[:, None] * r / (r[:, None] + r))
+    stored = 0.5 * float(np.sum(8.0 / 15.0 * 210e9 / (2.0 * (1.0 - 0.3**2)) * curvature * depth**2.5))
     with thirdbody.open(tmp_path / "run") as run:
-        energy, work, stored = run.series["energy_kinetic"], run.series["energy_plate_work"], stored_by_overlaps(table)
+        energy, work = run.series["energy_kinetic"], run.series["energy_plate_work"]
         assert energy[0] == 0.0 and run.series["energy_elastic_normal"][0] == 0.0
         assert 0.0 < energy.max() <= work.max() < 1e-2 * stored
     # truncation of the explicit steps, of the order of the other beds

@@ -181,7 +181,6 @@ def test_a_run_records_profiles(rolled):
     assert found["velocity"].shape == (frames, 8, 3) and found["contact_stress"].shape == (frames, 8, 3, 3)
     assert rolled.units["contact_stress"] == "Pa" and rolled.header["profiles"] == {"bins": 8, "axis": "z"}
     assert sum(found[f"fraction_{name}"] for name in rolled.state_names) == pytest.approx(1.0)
-    # the mean over the interval
     assert found["position"][-1, -1] == pytest.approx(rolled.series["gap"][-1] * 7.5 / 8.0, rel=1e-3)
 
 

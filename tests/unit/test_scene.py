@@ -170,16 +170,11 @@ uppers = st.builds(
 )  # fmt: skip
 scenes = st.builds(
     lambda key, title, debris, upper, young, contact, effects, every: Scene(
-        title=title,
-        materials={"m": Material(**{key: young}, poisson_ratio=0.5, density=1.0), title: STEEL},
-        pairs=[{"between": ["m", "m"], "friction": 0, "restitution": 1}],
-        debris=debris,
-        domain={"size": [young, 1.0], "periodic": False},
-        plates={"lower": {"material": "m"}, "upper": upper},
-        contact=Contact(options=contact),
-        effects=model.Effects(named=effects),
-        solver={"distance": max(young, every), "settle": 0},
-        output={"every": every, "every_kind": "distance"},
+        title=title, materials={"m": Material(**{key: young}, poisson_ratio=0.5, density=1.0), title: STEEL},
+        pairs=[{"between": ["m", "m"], "friction": 0, "restitution": 1}], debris=debris,
+        domain={"size": [young, 1.0], "periodic": False}, plates={"lower": {"material": "m"}, "upper": upper},
+        contact=Contact(options=contact), effects=model.Effects(named=effects),
+        solver={"distance": max(young, every), "settle": 0}, output={"every": every, "every_kind": "distance"},
     ),
     key=st.sampled_from(["youngs_modulus", "shear_modulus"]), title=name.filter(lambda text: text != "m"),
     debris=st.lists(irregular | spheres, min_size=1, max_size=3), upper=uppers, young=positive,
