@@ -2,8 +2,7 @@
 
 SWEEP is a finished sweep of scenes/sweeps/mu_of_inertia.toml. The bed of each point is sheared ever slower, and each speed
 gives one state of shear. All is measured in the middle of the bed, more than 3.5 diameters from both plates, after the first
-40 % of the distance at that speed.
-"""
+40 % of the distance at that speed."""
 
 import argparse
 from collections import namedtuple

@@ -1,7 +1,6 @@
 """Every check by one command: lint, types, tests. `python tests/check.py [--full] [pytest arguments]`.
 
-The default runs the tests that need minutes in all, `--full` runs every test (`.ci/full` prepares a machine for it).
-"""
+The default runs the tests that need minutes in all, `--full` runs every test (`.ci/full` prepares a machine for it)."""
 
 from __future__ import annotations
 

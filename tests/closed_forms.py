@@ -1,7 +1,6 @@
 """Closed forms of contact mechanics, impact and rigid-body motion: references that share no code with a law.
 
-Plain floats in, plain floats out, SI units; signs and moduli as in `three_spot_theory`.
-"""
+Plain floats in, plain floats out, SI units; signs and moduli as in `three_spot_theory`."""
 
 import math
 from collections.abc import Sequence

@@ -7,8 +7,7 @@ Feasibility grows with friction, hence bisection. Imports nothing of thirdbody. 
 
 Arrays: `points` (n, 3) [m], from the reference point of `moment` (the centre of mass); `normals` (n, 3), unit, into the
 particle; `mu` (n,); `pressed` (n,) bool, the spots (of one side) whose normal forces add up to `load` [N]: else zero forces are
-a solution.
-"""
+a solution."""
 
 import math
 from types import SimpleNamespace as Grasp

@@ -1,8 +1,7 @@
 """The gallery, scenes/README.md: `python tests/gallery.py [NAME ...]` runs the scenes (all: some ten minutes) and draws them.
 
 It writes scenes/pictures/NAME.png and, into scenes/pictures/results.json, what the runs gave. `python tests/generated_parts.py`
-makes the page of these and of the first lines of each scene.
-"""
+makes the page of these and of the first lines of each scene."""
 
 import hashlib
 import json

@@ -1,7 +1,6 @@
 """The generated parts of the pages: `python tests/generated_parts.py` writes them anew.
 
-A page marks a part by `<!-- generated: NAME -->` and `<!-- end -->`; `PARTS[NAME]()` gives the text between them.
-"""
+A page marks a part by `<!-- generated: NAME -->` and `<!-- end -->`; `PARTS[NAME]()` gives the text between them."""
 
 import ast
 import inspect

@@ -7,8 +7,7 @@ the point mu h e itself, since every spot pulls the particle along e with mu N. 
 moment: see `conditions` in the plane and `friction_cones` in space. Generalises E. Willert's Eqs. 16, 19 and 20; nothing of
 thirdbody.
 
-Positions are (n, 2) arrays [m]; a direction needs no unit length.
-"""
+Positions are (n, 2) arrays [m]; a direction needs no unit length."""
 
 import math
 

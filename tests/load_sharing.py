@@ -4,8 +4,7 @@ SWEEP is a finished sweep of scenes/sweeps/friction_against_pressure.toml, drawn
 height h where the surfaces reach z into the gap is pressed where h + z exceeds the mean gap u, by a spring k for each (contacts
 are taken as stiff). With h + z normally distributed (Greenwood and Williamson 1966, springs for Hertz), n bodies per area carry
 p_debris = n k s (phi(t) - t Q(t)), active = Q(t), t = (u - mean of h)/s, s^2 = spread of h^2 + rms^2 of both surfaces, and the
-plates themselves p_direct = beta E* exp(-u/u0) (Persson 2007). Friction is mixed by the shares of the load.
-"""
+plates themselves p_direct = beta E* exp(-u/u0) (Persson 2007). Friction is mixed by the shares of the load."""
 
 import argparse
 import math

@@ -2,8 +2,7 @@
 
 All bodies are steel and carry `LOAD` each; what they do is a matter of the friction of the pairs, zero unless given. A *ball*
 rolls at half the speed of the upper plate. A *post* is a flat clump that sticks to the lower plate, a *rider* one that the upper
-plate carries, a *ridge* a post so low that a ball can mount it. Lengths in um.
-"""
+plate carries, a *ridge* a post so low that a ball can mount it. Lengths in um."""
 
 import itertools
 import math

@@ -3,8 +3,7 @@
 A comment before a fenced block says what the tests do with it besides:
 
     <!-- file: NAME -->         they also write it under this name into the folder where the page's blocks run
-    <!-- not run: REASON -->    they do not run it, but look whether its commands, options and files exist
-"""
+    <!-- not run: REASON -->    they do not run it, but look whether its commands, options and files exist"""
 
 import re
 from dataclasses import dataclass

@@ -1,8 +1,7 @@
 """A sweep of scenes/sweeps/shape_against_friction.toml over the closed form: `python tests/shape_map.py SWEEP -o PICTURE`.
 
 A rigid ellipse of axial ratio r < 1 between parallel plates turns until the line through its two contacts leans by the friction
-coefficient mu. Its largest lean is (1/r - r)/2, at tan(tilt) = r; so it slides where mu is at most that, and rolls above.
-"""
+coefficient mu. Its largest lean is (1/r - r)/2, at tan(tilt) = r; so it slides where mu is at most that, and rolls above."""
 
 import argparse
 import math

@@ -4,8 +4,7 @@ Plain floats in, plain floats out, SI units. "Eq. n" is E. Willert, Self-consist
 tangential contact, with its misprints corrected: R_i for R_1 in Eq. 5, the bracket of Eqs. 7 and 8, mu_1/mu_2 in Eq. 20. Its
 signs: dh closes the gap, tilt phi about +y (into the page), w down, the drag and u positive toward -x; spot 1 above, 2 and 3
 below. `g_star` is the paper's G*, four times the G_eff of most DEM codes: k_t = 2 G* a = 8 G_eff a. Conditions with weight: signs
-of `plugins/three_spot/conditions.py`.
-"""
+of `plugins/three_spot/conditions.py`."""
 
 import math
 from collections.abc import Sequence
@@ -29,10 +28,8 @@ def g_star(g_a: float, nu_a: float, g_b: float, nu_b: float) -> float:
 
 
 def dundurs_beta(g_a: float, nu_a: float, g_b: float, nu_b: float) -> float:
-    """Elastic mismatch; 0 if (1-2nu)/G are equal (Eq. 3): normal and tangential contact then decouple.
-
-    beta = [(1-2nu_a)/G_a - (1-2nu_b)/G_b] / [2 (1-nu_a)/G_a + 2 (1-nu_b)/G_b] (Johnson 1985, Eq. 5.3).
-    """
+    """Elastic mismatch; 0 if (1-2nu)/G are equal (Eq. 3): normal and tangential contact then decouple. beta = [(1-2nu_a)/G_a -
+    (1-2nu_b)/G_b] / [2 (1-nu_a)/G_a + 2 (1-nu_b)/G_b] (Johnson 1985, Eq. 5.3)."""
     difference = (1.0 - 2.0 * nu_a) / g_a - (1.0 - 2.0 * nu_b) / g_b
     return difference / (2.0 * (1.0 - nu_a) / g_a + 2.0 * (1.0 - nu_b) / g_b)
 
@@ -87,10 +84,8 @@ def weight_number(weight: float, e_1: float, r_1: float, closing: float) -> floa
 
 
 def upper_fraction(alpha: float, m: float) -> float:
-    """delta = d_1/dh without tilt: the root of delta^1.5 + m~ = alpha^-1.5 (1-delta)^1.5 (Eq. 9).
-
-    Raises ValueError outside 0 <= m~ <= alpha^-1.5, where spot 1 has lifted off.
-    """
+    """delta = d_1/dh without tilt: the root of delta^1.5 + m~ = alpha^-1.5 (1-delta)^1.5 (Eq. 9). Raises ValueError outside 0
+    <= m~ <= alpha^-1.5, where spot 1 has lifted off."""
     if not 0.0 <= m <= alpha**-1.5:
         raise ValueError(f"m~ = {m} is outside 0 .. alpha^-1.5 = {alpha**-1.5}")
     low, high = 0.0, 1.0
@@ -113,18 +108,14 @@ def upper_fraction_slope(alpha: float) -> float:
 
 
 def lower_force_fraction(x: Sequence[float], mu_h: float) -> float:
-    """N_2/N_1 of a weightless particle sliding on both sides: (x_3 - x_1 + mu h)/(x_3 - x_2).
-
-    From N_2 + N_3 = N_1 and Eq. 20; mu h = 0: no friction; `x` = (x_1, x_2, x_3) [m]. In [0, 1] where the particle can slide.
-    """
+    """N_2/N_1 of a weightless particle sliding on both sides: (x_3 - x_1 + mu h)/(x_3 - x_2). From N_2 + N_3 = N_1 and Eq. 20;
+    mu h = 0: no friction; `x` = (x_1, x_2, x_3) [m]. In [0, 1] where the particle can slide."""
     return (x[2] - x[0] + mu_h) / (x[2] - x[1])
 
 
 def sliding_interval(x: Sequence[float], h: float) -> tuple[float, float]:
-    """(t_min, t_max) = ((x_1 - x_3)/h, (x_1 - x_2)/h) for x_2 < x_3: the particle can slide for mu between.
-
-    Equal mu, no weight, elastic tilt free. Above t_max spot 3 has lifted and the particle tips at T/N = t_max.
-    """
+    """(t_min, t_max) = ((x_1 - x_3)/h, (x_1 - x_2)/h) for x_2 < x_3: the particle can slide for mu between. Equal mu, no
+    weight, elastic tilt free. Above t_max spot 3 has lifted and the particle tips at T/N = t_max."""
     return (x[0] - x[2]) / h, (x[0] - x[1]) / h
 
 
@@ -139,10 +130,8 @@ def sliding_weight_ratio(mu_upper: float, mu_lower: float) -> float:
 
 
 def sliding_moment_without_tilt(x: Sequence[float], e_1: float, e_2: float, radii: Sequence[float], delta: float) -> float:
-    """mu h [m] at which an untilted particle slides (Eq. 21).
-
-    x_1 - (E*_2/E*_1) ((1-delta)/delta)^1.5 [x_2 sqrt(R_2/R_1) + x_3 sqrt(R_3/R_1)], `delta` from `upper_fraction`.
-    """
+    """mu h [m] at which an untilted particle slides (Eq. 21). x_1 - (E*_2/E*_1) ((1-delta)/delta)^1.5 [x_2 sqrt(R_2/R_1) + x_3
+    sqrt(R_3/R_1)], `delta` from `upper_fraction`."""
     arms = x[1] * math.sqrt(radii[1] / radii[0]) + x[2] * math.sqrt(radii[2] / radii[0])
     return x[0] - e_2 / e_1 * ((1.0 - delta) / delta) ** 1.5 * arms
 
@@ -157,10 +146,8 @@ def tilted_state(
     x: Sequence[float], e_1: float, e_2: float, radii: Sequence[float], closing: float, mu_h: float
 ) -> tuple[float, float, tuple[float, float, float]]:
     """(w, phi, (N_1, N_2, N_3)) of a weightless particle at closing dh, all spots sliding; mu_h = 0: smooth.
-
     `lower_force_fraction` determines N_i/N_1; then d_i = c_i N_1^(2/3), and Eq. 6, d_1 = dh - w - phi x_1, d_2 = w + phi x_2,
-    d_3 = w + phi x_3, is linear in N_1^(2/3), w and phi. Raises ValueError if a spot would have to pull.
-    """
+    d_3 = w + phi x_3, is linear in N_1^(2/3), w and phi. Raises ValueError if a spot would have to pull."""
     fraction = lower_force_fraction(x, mu_h)
     fractions = (1.0, fraction, 1.0 - fraction)
     if min(fractions) < 0.0:
@@ -185,11 +172,9 @@ def lower_resultant(x_upper: float, t: float, h: float, weight_ratio: float = 0.
 def sliding_sides(
     upper: Sequence[float], lower: Sequence[float], h: float, mu_upper: float, mu_lower: float, weight_ratio: float = 0.0
 ) -> tuple[str, ...]:
-    """Sides on which the particle can slide under a drag toward -x: "upper", "lower", both or none.
-
-    The weaker side slides, the other sticks; both only at m g = N_1 (mu_1/mu_2 - 1) (Eq. 20). None: it rolls, since
-    `friction_limit` lies outside `planar_interval`.
-    """
+    """Sides on which the particle can slide under a drag toward -x: "upper", "lower", both or none. The weaker side slides, the
+    other sticks; both only at m g = N_1 (mu_1/mu_2 - 1) (Eq. 20). None: it rolls, since `friction_limit` lies outside
+    `planar_interval`."""
     low, high = planar_interval(upper, lower, h, weight_ratio)
     above, below = mu_upper, mu_lower * (1.0 + weight_ratio)
     limit = min(above, below)
@@ -200,11 +185,9 @@ def sliding_sides(
 
 
 def dragged_friction(upper: Sequence[float], lower: Sequence[float], h: float, mu: float) -> tuple[float, str]:
-    """(T/N_1, state) at the end of a steady drag toward -x that starts stuck; no weight, equal friction.
-
-    (mu, "sliding") up to t_max of `planar_interval`; above it (t_max, "rolling"): the far spot lifts off at the macroscopic
-    coefficient t_max < mu, before the friction limit is reached. Raises ValueError where the particle cannot stick initially.
-    """
+    """(T/N_1, state) at the end of a steady drag toward -x that starts stuck; no weight, equal friction. (mu, "sliding") up to
+    t_max of `planar_interval`; above it (t_max, "rolling"): the far spot lifts off at the macroscopic coefficient t_max < mu,
+    before the friction limit is reached. Raises ValueError where the particle cannot stick initially."""
     if required_scale(upper, lower, h, 1.0, 1.0) > mu:
         raise ValueError(f"mu = {mu} cannot hold the particle even at rest")
     high = planar_interval(upper, lower, h)[1]
@@ -244,12 +227,9 @@ def _closing(x: Sequence[float], c: Sequence[float], force: float, weight: float
 def tilted_normal_forces(
     x: Sequence[float], e_1: float, e_2: float, radii: Sequence[float], closing: float, weight: float
 ) -> tuple[float, float, float]:
-    """(N_1, N_2, N_3) [N] of the frictionless particle that may tilt, at closing dh (Eqs. 1, 5, 6; section 3).
-
-    `weight` = m g; `x` = (x_1, x_2, x_3) with x_2 < x_3 [m]. No closed form: bisection in N_1. Without weight,
-    `tilted_state` at mu h = 0. Raises ValueError where a spot lifts off: dh too small for the weight, or x_1 outside the
-    lower spots.
-    """
+    """(N_1, N_2, N_3) [N] of the frictionless particle that may tilt, at closing dh (Eqs. 1, 5, 6; section 3). `weight` = m g;
+    `x` = (x_1, x_2, x_3) with x_2 < x_3 [m]. No closed form: bisection in N_1. Without weight, `tilted_state` at mu h = 0.
+    Raises ValueError where a spot lifts off: dh too small for the weight, or x_1 outside the lower spots."""
     b, a = _load_coefficients(x)
     c = _compliances(e_1, e_2, radii)
     # N_i >= 0 bounds N_1 from below where b_i > 0 and from above where b_i < 0
@@ -280,8 +260,7 @@ def tilted_force_series(
 
         sum b_i c_i N_i^(-1/3) n_i = 0,  N_1'' sum b_i^2 c_i N_i^(-1/3) = sum b_i c_i N_i^(-4/3) n_i^2/3.
 
-    Needs x_2 < x_1 < x_3; raises ValueError elsewhere.
-    """
+    Needs x_2 < x_1 < x_3; raises ValueError elsewhere."""
     b, a = _load_coefficients(x)
     if min(b) <= 0.0:
         raise ValueError("x_1 must lie between x_2 and x_3")

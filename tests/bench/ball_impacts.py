@@ -14,8 +14,7 @@ yield: against its own law and that of `elastic_plastic`. LAMMPS has no law of T
 and Kamrin 2024 (J. Mech. Phys. Solids 183, 105492): Hertz up to a mean pressure p, 2.75 times the yield strength in shallow
 dents, then p on an area of slope 2 pi R, while here the peak of Hertz' pressure is cut off and the slope is pi R. With
 p_y = 1.5 p both yield at one overlap, and so at one speed V_y. Beyond, the area of LAMMPS is larger at one overlap: its balls
-dent less and give back less.
-"""
+dent less and give back less."""
 
 import argparse
 import math

@@ -3,8 +3,7 @@
     PYTHONPATH=tests python tests/bench/effects_bench.py [flow] [necks] [spots] [heavy]
 
 Labels and friction of 2000 particles of `scenes/yielding_debris.toml` over 20 um, implicit, half a minute per row. All rows of a
-group, also that of starts 1e-9 apart, are compared with its first.
-"""
+group, also that of starts 1e-9 apart, are compared with its first."""
 
 import argparse
 from collections.abc import Mapping

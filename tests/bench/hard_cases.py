@@ -2,8 +2,7 @@
 
     python tests/bench/hard_cases.py [CASE ...] [--quick] [-o scenes/hard_cases.png]
 
-`--quick` runs one level with automatic steps only. A case that fails ends with exit code 1; `tests/hard` has the cases.
-"""
+`--quick` runs one level with automatic steps only. A case that fails ends with exit code 1; `tests/hard` has the cases."""
 
 import argparse
 import math

@@ -8,8 +8,7 @@ island is. An island is a *chain* of balls in a row, each a hundredth of its rad
 --gap, so that nearly all do: the same motion is computed, whatever the size; of small islands several are. Told are the largest
 island, the half width of its matrix in bodies, steps per um, microseconds per step and body, seconds per body and um, and the
 ratio to the explicit engine, extrapolated for the same bodies at 1 mm/s. The speed at which both cost the same is 1 mm/s times
-the ratio. Seconds are those of the processor, on one thread.
-"""
+the ratio. Seconds are those of the processor, on one thread."""
 
 import argparse
 import statistics

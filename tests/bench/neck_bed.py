@@ -8,8 +8,7 @@ history.
 
 Both have no dashpots, mu (N + 3 pi w R) as the limit of friction, 8 G a as tangential stiffness and the memory "rescaled". They
 differ in where a neck breaks: here where it loses its balance (y = 1 in `plugins/effects/adhesion.py`), in LAMMPS at the largest
-pull (y^3 = 3): `neck_at_pull_off.py` is our law with that rule.
-"""
+pull (y^3 = 3): `neck_at_pull_off.py` is our law with that rule."""
 
 import argparse
 import json

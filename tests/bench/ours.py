@@ -4,8 +4,7 @@
 
 Prints ns per sphere-step and per contact-step (the median of the timed segments, and each of them), contacts before the warm-up
 and after every segment, kinetic energy at the end, steps per search, memory. DIR holds `configs/S_16000.npz`; without it
-(THIRDBODY_PEERS names it too) scene S is generated. For a steady clock: taskset -c 0 python tests/bench/ours.py ...
-"""
+(THIRDBODY_PEERS names it too) scene S is generated. For a steady clock: taskset -c 0 python tests/bench/ours.py ..."""
 
 import argparse
 import ctypes

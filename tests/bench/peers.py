@@ -17,8 +17,7 @@ limit; they leave the spring what the dashpot leaves, ours keeps the limit, and 
 energies of S and C agree to per mille, of T, where pinched clumps jump free, to 10 % (YADE's are those of the bodies'
 translation). Nothing is written while it is timed.
 
-Timings mean something on an idle machine: CPU is the least share of the processor that a run got.
-"""
+Timings mean something on an idle machine: CPU is the least share of the processor that a run got."""
 
 import argparse
 import json

@@ -4,8 +4,7 @@ S: a dense layer of spheres of 18 to 22 um between plates 200 um apart, the uppe
 unequal spheres. T: clumps pinched between plates that do not see each other. Steel, Hertz-Mindlin with dashpots, fixed time step.
 
 A configuration is a file `S_16000.npz` of the peers' folder, in um, pg and us: x, rad (spheres), mol (body of each), L, H, dt;
-for spheres v, w; for clumps bm, bx, bv, bw, bI (mass, centre, velocities and inertia in space axes).
-"""
+for spheres v, w; for clumps bm, bx, bv, bw, bI (mass, centre, velocities and inertia in space axes)."""
 
 import math
 from collections.abc import Sequence

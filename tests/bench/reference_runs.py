@@ -6,8 +6,7 @@
 Stands on the public interface only, so that it runs unchanged with older and newer engines. Per scene the file has the SHA-256 of
 every array and every text of `run.vtkhdf`, with a few numbers by which a difference is told in size. Left out are the places of
 data within the file, and of its texts those that depend on time, machine or version: `versions`, the reason for the choice of
-an integrator, and of the summary `wall_time` and `sphere_steps_per_second`. Bits of two kinds of processor need not be equal.
-"""
+an integrator, and of the summary `wall_time` and `sphere_steps_per_second`. Bits of two kinds of processor need not be equal."""
 
 import argparse
 import gc

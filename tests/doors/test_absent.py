@@ -2,8 +2,7 @@
 
 Such an engine is a registry with the effect, dashpot or labeller taken out. Compared are the names of the generated modules,
 which hash their text and the source of all that they call, the columns that are remembered, the candidate contacts, every dataset
-of the result file, and the ledger.
-"""
+of the result file, and the ledger."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -153,10 +153,8 @@ def test_a_broken_command_is_reported(installed, command):
 
 
 def test_the_template_works_from_a_file_and_changes_the_result(balls, command):
-    """DMT pulls each plate towards the ball by 2 pi w R, so the gap is that of the load plus the pull: d ~ N^(2/3).
-
-    Pressed at rest, overlap at either plate; the comparison holds to what is left of the settling, well below the effect.
-    """
+    """DMT pulls each plate towards the ball by 2 pi w R, so the gap is that of the load plus the pull: d ~ N^(2/3). Pressed at
+    rest, overlap at either plate; the comparison holds to what is left of the settling, well below the effect."""
     work, radius, load = 0.5, 5e-6, 1e-4
     still = [('motion = {x = {velocity = "0.5 m/s"}}\n', ""), ('distance = "0.1 um"\nsettle = "1 us"', 'duration = "40 us"'),
              ('every = "0.05 um"', 'every = "40 us"'), ('"7e-5 kg/s"', '"7e-4 kg/s"')]  # fmt: skip

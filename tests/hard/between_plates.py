@@ -65,11 +65,9 @@ def no_friction(trial: Trial) -> None:
 
 
 def endless_friction(trial: Trial) -> None:
-    """mu = 1e9: critical displacements of metres (lost digits); the body tips, with finite forces.
-
-    Known failure: `exact` with the implicit integrator at 0.1 m/s. At a contact that lifts off with T far above N, T vanishes as
-    the square root of its overlap, and steps shrink until none converges; the run is stopped with that message.
-    """
+    """mu = 1e9: critical displacements of metres (lost digits); the body tips, with finite forces. Known failure: `exact` with
+    the implicit integrator at 0.1 m/s. At a contact that lifts off with T far above N, T vanishes as the square root of its
+    overlap, and steps shrink until none converges; the run is stopped with that message."""
     speed = 0.1 if trial.setting.integrator == "explicit" else 1e-3
     run = trial.start(pressed(trial, clump(TRIPOD, gap=1e-6), 1e9, drag(speed)))
     labels, forces = run.follow(STOPS, run.state_name, run.force)
@@ -104,10 +102,8 @@ def degenerate_spots(trial: Trial) -> None:
 
 
 def at_the_limit(trial: Trial) -> None:
-    """mu = t_max to 1e-6: whether it slides or starts to tip is undetermined (neutral equilibrium), the force is not.
-
-    Checked from 50 nm on: partial slip (`exact`) reaches its limit at some 25 nm, before which it may be labelled sticking.
-    """
+    """mu = t_max to 1e-6: whether it slides or starts to tip is undetermined (neutral equilibrium), the force is not. Checked
+    from 50 nm on: partial slip (`exact`) reaches its limit at some 25 nm, before which it may be labelled sticking."""
     for change in (-1e-6, 0.0, 1e-6):
         mu = SPAN / HEIGHT * (1.0 + change)
         run = trial.start(pressed(trial, THREE, mu, drag(0.1)))

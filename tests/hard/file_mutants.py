@@ -2,8 +2,7 @@
 the commands, in a process of its own: HDF5 is C code that walks a damaged file; should it ever die of one, only the worker does.
 
 `python file_mutants.py` reads lines from standard input: the name of a file, or in JSON [folder, target folder, command]. Each
-answer tells what became of it (of a command the exit code), what was told, and the seconds of the processor.
-"""
+answer tells what became of it (of a command the exit code), what was told, and the seconds of the processor."""
 
 import io
 import json

@@ -69,10 +69,8 @@ def normal_forces(run):
 
 
 def wavy_plate(trial: Trial) -> None:
-    """A ball rolls from a crest into a valley: it keeps to the surface, and its forces go along the chord of its contacts.
-
-    The crest is a border between cells of the spline, which traps a sphere where the gradient force jumps.
-    """
+    """A ball rolls from a crest into a valley: it keeps to the surface, and its forces go along the chord of its contacts. The
+    crest is a border between cells of the spline, which traps a sphere where the gradient force jumps."""
     wave = Sine(amplitude=0.15 * MICRON, wavelength=8.0 * MICRON, phase=math.pi)  # a valley at the origin, a crest in the middle
     run = trial.start(dragged(trial, Waves(wave=(wave,)), 0.3, 0.2))
 
@@ -106,10 +104,8 @@ def narrow_groove(trial: Trial) -> None:
 
 
 def step_of_a_file(trial: Trial) -> None:
-    """A measured surface with a step: smoothed, told, and a ball rolls down the flank; a step of a wrong unit is refused.
-
-    The edge hands the ball over to the bottom, where the filter has left ripples: one has a trough just sharper than the ball.
-    """
+    """A measured surface with a step: smoothed, told, and a ball rolls down the flank; a step of a wrong unit is refused. The
+    edge hands the ball over to the bottom, where the filter has left ripples: one has a trough just sharper than the ball."""
     x = np.arange(0.0, 50.0, 0.25)
     heights = np.where(np.abs(x - 25.0) < 9.0, 1.5, 0.0) * np.ones((len(x), 1))
     with tempfile.TemporaryDirectory() as folder:

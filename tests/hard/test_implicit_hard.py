@@ -100,10 +100,8 @@ ROCKING = [("mindlin", 5e-4, 4e-3), slow("coulomb", 5e-4, 1e-3), slow("mdr", 5e-
 
 @pytest.mark.parametrize("level, tolerance, gained", ROCKING)
 def test_rocking_body_loses_and_finds_spots(level, tolerance, gained):
-    """A dumbbell with a bump rolls over: spots leave and touch again, also within one long step.
-
-    What `mindlin` makes is truncation: 2.0e-3, 1.3e-3, 8.6e-4, 4.8e-4, 2.6e-4 at a tolerance of 5e-4, 1.25e-4, 3e-5, 8e-6, 2e-6.
-    """
+    """A dumbbell with a bump rolls over: spots leave and touch again, also within one long step. What `mindlin` makes is
+    truncation: 2.0e-3, 1.3e-3, 8.6e-4, 4.8e-4, 2.6e-4 at a tolerance of 5e-4, 1.25e-4, 3e-5, 8e-6, 2e-6."""
     dumbbell, motion = clump((-3, 0, 0, 3), (3, 0.5, 0, 3), (0, 1, 1, 3.2)), Motion(y=[ConstantVelocity(velocity=1e-3)])
     simulation = start(dumbbell, motion, level=level, friction=0.5, tolerance=tolerance)
     run = follow(simulation, np.arange(1, 41) * 2.5e-7, gained=gained)
@@ -158,9 +156,7 @@ def test_weight_and_drag_act_while_nothing_else_does():
 @pytest.mark.parametrize("tolerance, gained", [(5e-4, 5e-3), (3e-5, 1e-3)])
 def test_a_fast_drag_makes_no_energy(tolerance, gained):
     """A clump that is pressed, dragged at 1 m/s and tips: inertia decides, and the plate's work is a trapezoid in long steps.
-
-    What is made is truncation: up to 5e-3 on the way, or 2e-3 at the end, at the default tolerance; 3e-4 at 3e-5.
-    """
+    What is made is truncation: up to 5e-3 on the way, or 2e-3 at the end, at the default tolerance; 3e-4 at 3e-5."""
     motion = Motion(x=[Ramp(ramp=1.0, duration=5e-7), ConstantVelocity(velocity=1.0)])
     simulation = start(make.clump(make.LUMP), motion, restitution=0.3, tolerance=tolerance)
     follow(simulation, 2.0 * PATH, gained=gained)

@@ -119,10 +119,8 @@ def slipping(frame, motion, normal):
 
 
 def rolling(S, i, j, frame, world):
-    """Relative rotation of the step and its rate at the end, and the way of the patch over the two surfaces.
-
-    The rotation about the normal of a step belongs to its middle, as slip does.
-    """
+    """Relative rotation of the step and its rate at the end, and the way of the patch over the two surfaces. The rotation about
+    the normal of a step belongs to its middle, as slip does."""
     e, d, dt = frame.e, frame.d, world.dt
 
     def relative(column):

@@ -1,8 +1,7 @@
 """The laws of a scene asked about one contact, and its effects about one body, as plain Python functions one after the other.
 
 The engine's own module is generated text, compiled, for a tile of contacts. Here the kernels run as their authors wrote them
-(`py_func`), put together as the contract says.
-"""
+(`py_func`), put together as the contract says."""
 
 import math
 import struct

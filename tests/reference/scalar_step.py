@@ -3,8 +3,7 @@
 No compiled code, tiles, lists of what touches, rows of forces that are shared, or threads. It starts from the tables of a state,
 takes the engine's candidates (the search is not judged here), and keeps the memory of a contact under the names of its spheres.
 Only the columns of the tables are the engine's own. Sums are taken in the order of the candidates and of the bodies, the
-engine's in another, so that numbers agree to rounding.
-"""
+engine's in another, so that numbers agree to rounding."""
 
 import math
 from dataclasses import dataclass

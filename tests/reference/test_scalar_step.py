@@ -2,8 +2,7 @@
 rounding over a short run, and the engine's own bits are the same for any threads.
 
 The two share the columns of the tables, the candidates of the search and the text of the law kernels, no more. That the
-comparison can fail is shown by `test_a_fault_is_seen`: it changes one sign or one term of the plain step.
-"""
+comparison can fail is shown by `test_a_fault_is_seen`: it changes one sign or one term of the plain step."""
 
 import itertools
 import math

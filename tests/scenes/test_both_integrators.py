@@ -3,8 +3,7 @@
 The main scene as an ensemble; layers of it whose debris meets, at several area fractions; effects over 20 um: plastic flow and
 adhesion with 500 particles of `yielding_debris`, close spots and pivoting with 300 of the main scene. A third run is explicit
 again, from starts that differ by 1e-9: how far two runs can agree at all where particles tip or meet.
-`PYTHONPATH=tests python tests/scenes/test_both_integrators.py [NAME ...]` prints the table.
-"""
+`PYTHONPATH=tests python tests/scenes/test_both_integrators.py [NAME ...]` prints the table."""
 
 import functools
 import sys

@@ -1,7 +1,6 @@
 """A thousand random clumps: the forecast when the drag starts against what each of them then did. Marked slow: minutes.
 
-Called as a program it draws them: `python tests/scenes/test_forecast_table.py -o scenes/balance/forecast.png`.
-"""
+Called as a program it draws them: `python tests/scenes/test_forecast_table.py -o scenes/balance/forecast.png`."""
 
 import argparse
 import json

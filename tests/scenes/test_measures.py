@@ -90,11 +90,9 @@ def test_measures_change_nothing(runs, case):
 
 @pytest.mark.parametrize("case", CASES)
 def test_wear_of_a_flake(runs, case):
-    """Under the load N a flake that slides on both plates wears k N times the drag off them, whichever side slips.
-
-    Of the last interval, in which both sides slip or one does: the patch rides on the flake, so its load is N but for what
-    accelerates it, a millionth of it and less in implicit steps, some thousandths in explicit ones.
-    """
+    """Under the load N a flake that slides on both plates wears k N times the drag off them, whichever side slips. Of the last
+    interval, in which both sides slip or one does: the patch rides on the flake, so its load is N but for what accelerates it,
+    a millionth of it and less in implicit steps, some thousandths in explicit ones."""
     run = runs(case)
     worn = [on_plates(run.bodies(frame), "plate_wear") for frame in (-2, -1)]
     slipped = [run.bodies(frame)["slip_distance"] for frame in (-2, -1)]

@@ -2,8 +2,7 @@
 
 Flakes are hexagons of seven balls, crown on crown; the balls are big against the way (1/17), so that a crown is next to flat.
 Which interface gives way is a matter of the pairs: .5 everywhere, .1 where it shall slide. The couple of a force of .1 N in a
-stack of height 40 um moves the load by 4 um, and the flakes' feet stand 6 um out: nothing tips.
-"""
+stack of height 40 um moves the load by 4 um, and the flakes' feet stand 6 um out: nothing tips."""
 
 import functools
 import math
@@ -122,10 +121,8 @@ SLIDES_ABOVE: Reported = ("sliding", "friction_limit", UPPER)
 
 
 def hugged(lift: float) -> list[Body]:
-    """A flake and, beside its foremost ball, a dumbbell of two balls `lift` above and below that ball's centre.
-
-    It touches with both, at normals of |n_z| = lift/(R + 4); a small ball between makes it one piece and touches nothing.
-    """
+    """A flake and, beside its foremost ball, a dumbbell of two balls `lift` above and below that ball's centre. It touches with
+    both, at normals of |n_z| = lift/(R + 4); a small ball between makes it one piece and touches nothing."""
     out = 6.0 + math.sqrt((R + 4.0) ** 2 - lift**2)
     dumbbell = [(0.0, 0.0, -lift, 4.0), (0.0, 0.0, lift, 4.0), (0.0, 0.0, 0.0, 2.0)]
     return [("low", HEXAGON, (0.0, 0.0, R)), ("rider", dumbbell, (out, 0.0, R))]

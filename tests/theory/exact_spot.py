@@ -1,7 +1,6 @@
 """One contact that is driven straight through the kernel of the law `exact`. Lengths in units of R, E* = 1.
 
-The kernel is interpreted: a step takes 0.1 to 0.5 ms, and compiling it 17 s.
-"""
+The kernel is interpreted: a step takes 0.1 to 0.5 ms, and compiling it 17 s."""
 
 import closed_forms
 import numpy as np

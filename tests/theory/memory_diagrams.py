@@ -3,8 +3,7 @@
 D(q) in [-1, 1] on [0, d] says which share of friction the contact carries that was made between overlap q and q + dq:
 T = mu int D dN and s = kappa int D dq. Source: V. Aleshin, O. Bou Matar, K. Van Den Abeele, Method of memory diagrams for
 mechanical frictional contacts subject to arbitrary 2D loading, Int. J. Solids Struct. 60-61 (2015). Numbers are floats or
-mpmath's.
-"""
+mpmath's."""
 
 
 class MemoryDiagram:

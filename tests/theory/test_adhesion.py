@@ -230,11 +230,8 @@ def residual(ledger, simulation):
 
 @pytest.mark.parametrize(("integrator", "share"), [("explicit", 1.0), ("implicit", 0.4)])
 def test_a_ball_is_pressed_and_pulled_apart_between_plates(make, monkeypatch, integrator, share):
-    """Both necks form, and break at the largest pull.
-
-    The upper plate has a `share` of the lower one's work of adhesion w, by its pair of materials; the loop goes with w^(5/3). The
-    weaker neck breaks, and the ball hangs on the lower plate.
-    """
+    """Both necks form, and break at the largest pull. The upper plate has a `share` of the lower one's work of adhesion w, by
+    its pair of materials; the loop goes with w^(5/3). The weaker neck breaks, and the ball hangs on the lower plate."""
     ledger, simulation, pulls = pressed(make, monkeypatch, integrator, share)
     # where it is flat: one output of 20 ns from the largest, 4.5 pm of each of two equal necks; 9 pm of the weaker of two, which
     # is half as long, so its force is off by up to 14 times as much
@@ -262,9 +259,7 @@ def thrown(make, radius, speed, gap, integrator, restitution, tables, **solver):
 @pytest.mark.parametrize("tables", [NONE, DMT, JKR, AUTO], ids=["none", "dmt", "jkr", "auto"])
 def test_a_ball_thrown_at_a_plate(make, tables, restitution):
     """At 0.5 m/s in steps of 0.1 nm: touch and release count for their part of a step, and steps do not grow past the touch.
-
-    Without that it leaves DMT with 1.3 % too much energy, and at e = 1e-6 the dashpot of the first step throws it back.
-    """
+    Without that it leaves DMT with 1.3 % too much energy, and at e = 1e-6 the dashpot of the first step throws it back."""
     ledger, simulation = thrown(make, RADIUS, 0.5, 2e-8, "explicit", restitution, tables)
     simulation.integrator.advance_to(time=6e-8 if restitution > 0.1 else 4.5e-8)
     assert residual(ledger, simulation) < 1e-3
@@ -303,10 +298,8 @@ def test_a_ball_sticks_below_a_speed(make):
 @pytest.mark.parametrize(("ratio", "bound"), [(1.05, 6e-3), (4.0, 1e-3)])
 def test_the_rebound_above_it(make, ratio, bound):
     """e^2 = 1 - (V_s/V)^2 (Thornton and Ning 1998), wherever in the step the neck forms: jumps count from where they are.
-
     Without that a jump of 8/9 of the pull-off force is off by up to half a step: 2.9 % at 1.5. Order: 1.5 near the fold, where
-    the force has infinite slope, 2 elsewhere.
-    """
+    the force has infinite slope, 2 elsewhere."""
     starts = [1e-10 + 3.7e-12 * k for k in range(3)]  # thirds of a step
     expected = math.sqrt(1.0 - ratio**-2)
     miss = lambda n, start: abs(impact(make, ratio, 2.1e-10 / n, start)[0] / expected - 1.0)  # noqa: E731

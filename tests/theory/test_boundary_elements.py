@@ -4,8 +4,7 @@ Normal: Polonsky and Keer (Wear 231, 1999) on a half-space that is not periodic.
 q along x with 0 <= q <= mu p, and u_x = s wherever q < mu p; the influence matrix is that of tamaas (periodic, in Fourier space),
 the active set ours. What is left out here as in the closed form is slip across the drag. The half-space has
 Poisson's ratio 1/2 under a rigid sphere, so that nothing couples normal and tangential contact, while its tangential influence
-depends on the direction as it does at any ratio but zero.
-"""
+depends on the direction as it does at any ratio but zero."""
 
 import math
 from collections import namedtuple
@@ -111,11 +110,9 @@ class Shear:
 
 
 def image_offset(length):
-    """u_x of a single contact less that of the lattice, per force: (2-nu)/(4 pi G) of LATTICE/L.
-
-    The influence of a point force, [(1-nu)/r + nu x^2/r^3]/(2 pi G) (Johnson 1985, Eq. 3.75), is that of 1/r times (1 - nu/2)
-    in the mean over x and y, between which a square lattice does not tell.
-    """
+    """u_x of a single contact less that of the lattice, per force: (2-nu)/(4 pi G) of LATTICE/L. The influence of a point
+    force, [(1-nu)/r + nu x^2/r^3]/(2 pi G) (Johnson 1985, Eq. 3.75), is that of 1/r times (1 - nu/2) in the mean over x and y,
+    between which a square lattice does not tell."""
     return LATTICE / length * (2.0 - POISSON) / (4.0 * math.pi * SHEAR)
 
 
@@ -185,9 +182,7 @@ our_radius = njit(lambda jet, radius: effective_radius(jet, radius))
 
 def on_waves(tm, curvatures, ratio):
     """Overlap over Hertz' with our effective radius, of a sphere on the crest, or in the valley, of waves along x and y.
-
-    `curvatures` there times RADIUS, positive on a crest; `ratio` is A over the wavelength.
-    """
+    `curvatures` there times RADIUS, positive on a crest; `ratio` is A over the wavelength."""
     n, length, q = round(6.0 * 16), 6.0 * A, 2.0 * math.pi * ratio / A
     x, y = np.meshgrid(*[(np.arange(n) - n // 2) * length / n] * 2, indexing="ij")
     gap = (x**2 + y**2) / (2.0 * RADIUS)

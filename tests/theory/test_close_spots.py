@@ -129,10 +129,8 @@ def changes(place):
 
 
 def pressed_elements(tm, place):
-    """The same by boundary elements; each spot is solved alone too, which takes the error of the grid out.
-
-    In units of contact radius, overlap and E*: a spot alone has the load 4/3, its gap is r^2/2.
-    """
+    """The same by boundary elements; each spot is solved alone too, which takes the error of the grid out. In units of contact
+    radius, overlap and E*: a spot alone has the load 4/3, its gap is r^2/2."""
     low, high = np.min(place, axis=0) - RIM, np.max(place, axis=0) + RIM
     x, y = (low[i] + np.arange(math.ceil((high[i] - low[i]) * CELLS)) / CELLS for i in (0, 1))
     gaps = [((x[:, None] - u) ** 2 + (y[None] - v) ** 2) / 2.0 for u, v in place]
@@ -245,10 +243,8 @@ def test_spots_solve_their_equations(n):
 
 @pytest.mark.parametrize(("n", "paths"), [(3, 20), *(slow(n, 700) for n in (2, 3, 5))])
 def test_no_closed_path_makes_energy(n, paths):
-    """Work along thousands of random closed paths of overlaps and places, spots coming and going, by the trapezoid rule.
-
-    Smooth periodic integrands converge fast, the corner N ~ d^(3/2) of a spot that opens as the 5/2 power of the step.
-    """
+    """Work along thousands of random closed paths of overlaps and places, spots coming and going, by the trapezoid rule. Smooth
+    periodic integrands converge fast, the corner N ~ d^(3/2) of a spot that opens as the 5/2 power of the step."""
     random, idle, phase = np.random.default_rng(10 + n), 0, 2.0 * np.pi * np.arange(2048) / 2048
     waves = np.array([[np.sin(phase), np.cos(phase)], [0.5 * np.sin(2.0 * phase), 0.5 * np.cos(2.0 * phase)]])
     rates = 2.0 * np.pi * np.array([[np.cos(phase), -np.sin(phase)], [np.cos(2.0 * phase), -np.sin(2.0 * phase)]])

@@ -1,7 +1,6 @@
 """Slip on curved paths: the laws of partial slip against 800 springs that return radially in very small steps.
 
-The springs share nothing with the laws; two runs of them, extrapolated, give a path followed to 1e-6 of mu N.
-"""
+The springs share nothing with the laws; two runs of them, extrapolated, give a path followed to 1e-6 of mu N."""
 
 import functools
 import math
@@ -70,9 +69,8 @@ def witness(name):
 
 
 def error(name, steps, nodes=0, count=0, scale=1.0):
-    """Largest miss along a path of so many steps, over mu N, of `exact` with nodes or of `mdr` with a count of springs.
-
-    `scale` of overlaps and slips changes nothing in theory; it moves the edge of the patch over the springs of `mdr`."""
+    """Largest miss along a path of so many steps, over mu N, of `exact` with nodes or of `mdr` with a count of springs. `scale`
+    of overlaps and slips changes nothing in theory; it moves the edge of the patch over the springs of `mdr`."""
     make, which = PATHS[name]
     law, p, h = (run_exact, ExactParameters, (0.0,) * 8) if nodes else (run_springs, SpringParameters, (0.0,) * 7)
     w, found = np.zeros(3 * nodes + 2 * count), []

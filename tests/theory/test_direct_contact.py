@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 from gallery import SCENES
-from load_sharing import ALONE, COUNT_KEY, PRESSURE, ROUGHNESS, estimate, mixed, read_sweep, scenes
+from load_sharing import ALONE, PRESSURE, ROUGHNESS, estimate, mixed, read_sweep, scenes
+from load_sharing import COUNT as COUNT_KEY
 from scipy.integrate import quad
 from scipy.optimize import brentq
 

@@ -2,8 +2,7 @@
 
 It closes too where friction jumps within a step: strokes turned round, landings and bounces while the plate slides. Small scenes
 after random ones that ended with a residual of 4e-3 to 4e-2 and no word: the step of velocity Verlet is far longer than the
-contact needs to slip, so friction booked with the force at the end of a step is off by half its jump times the slip.
-"""
+contact needs to slip, so friction booked with the force at the end of a step is off by half its jump times the slip."""
 
 import itertools
 import math

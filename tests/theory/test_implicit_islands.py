@@ -73,11 +73,9 @@ def ledger_after(simulation, distance):
 
 @pytest.mark.parametrize(("mu_pair", "balls"), [(0.0, 1), (MU, 3), slow(0.0, 3), slow(MU, 2)])
 def test_a_row_of_balls_against_a_body_that_sticks_to_the_lower_plate(make, balls, mu_pair):
-    """Their tops slip, the plate feels mu W from each; between two balls the friction is MU, and mu_pair at the block.
-
-    A ball at rest whose top slips feels mu W there and T below; its neighbours press by N_1 from behind and N_2 from ahead, and
-    rub by mu_1 and mu_2 of it. Balance of forces: N_2 - N_1 = mu W + T; of moments: mu W = T + mu_1 N_1 + mu_2 N_2.
-    """
+    """Their tops slip, the plate feels mu W from each; between two balls the friction is MU, and mu_pair at the block. A ball
+    at rest whose top slips feels mu W there and T below; its neighbours press by N_1 from behind and N_2 from ahead, and rub by
+    mu_1 and mu_2 of it. Balance of forces: N_2 - N_1 = mu W + T; of moments: mu W = T + mu_1 N_1 + mu_2 N_2."""
     simulation = dragged(make, row(make, balls), {("block", "floor"): 5.0, ("ball", "block"): mu_pair})
     lines, residual = ledger_after(simulation, 4e-6)
     forces, expected = sorted(between_bodies(simulation)[:, record.NORMAL_FORCE] / LOAD), [0.0]

@@ -1,7 +1,6 @@
 """Jacobian of an implicit step against central differences of the residual, between flat and rough plates and between bodies.
 
-The law is smooth: what is checked is geometry, and the tangents of the real laws are checked by the conformance suite.
-"""
+The law is smooth: what is checked is geometry, and the tangents of the real laws are checked by the conformance suite."""
 
 import math
 
@@ -176,9 +175,7 @@ def waves(rng):
 
 def rough_tables(rng, curved, force, closing):
     """`tables` of a body in a random pose between two rough plates, each of which overlaps with its nearest sphere by OVERLAP.
-
-    `force`: force and moment of the contacts at the start of the step; `closing`: those with the upper plate were open.
-    """
+    `force`: force and moment of the contacts at the start of the step; `closing`: those with the upper plate were open."""
     n, lower, upper, q = len(OFFSETS), waves(rng), waves(rng), rng.standard_normal(4)
     rows = 2 * n * BASINS
     basins, plate = np.arange(rows, dtype=np.int32) % BASINS, np.arange(rows) // BASINS % 2

@@ -125,11 +125,9 @@ def test_steps_on_a_wavy_plate_are_of_second_order(make):
 
 @pytest.mark.full(kind="slow")
 def test_no_body_stalls_in_hollows_as_narrow_as_its_spheres():
-    """Four of these bodies stalled in hollows, and the friction work of another one was lost.
-
-    In hollows the gradient force changes as fast as the contact force. The work was not a number where the minimum of a loaded
-    contact ended in an accepted step.
-    """
+    """Four of these bodies stalled in hollows, and the friction work of another one was lost. In hollows the gradient force
+    changes as fast as the contact force. The work was not a number where the minimum of a loaded contact ended in an accepted
+    step."""
     sides = {f"plates.{side}.surface": SURFACES[f"plates.{side}.surface"] | {"rms": "0.5 um", "short": "3 um"}
              for side in ("lower", "upper")}  # fmt: skip
     slow = {"domain.size": ["300 um", "300 um"], "plates.upper.motion.x.velocity": "1 mm/s"}
@@ -156,10 +154,8 @@ def test_one_plate_carried_by_all_bodies_is_in_balance():
 
 @pytest.mark.full(kind="slow")
 def test_both_integrators_agree_on_rough_plates_at_1_m_per_s():
-    """97 % of the labels at all stops (200 at the last one alone are too few to tell), and 1 % of friction.
-
-    Two explicit runs from starts 1e-9 apart tell the same, as bodies do not meet: the difference is the error of implicit steps.
-    """
+    """97 % of the labels at all stops (200 at the last one alone are too few to tell), and 1 % of friction. Two explicit runs
+    from starts 1e-9 apart tell the same, as bodies do not meet: the difference is the error of implicit steps."""
     wide = SURFACES | {"domain.size": ["320 um", "240 um"]}
     explicit, implicit = (scene(200, **wide | {"solver.integrator": kind}) for kind in ("explicit", "implicit"))
     first, again, other = dragged(explicit, path=4e-6), dragged(explicit, NUDGE, 4e-6), dragged(implicit, path=4e-6)

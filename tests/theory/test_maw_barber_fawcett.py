@@ -1,8 +1,7 @@
 """Oblique impacts of a steel ball against the theory of Maw, Barber and Fawcett (1976): very slow, and with default settings.
 
 The theory knows neither the overlap against the radius nor that the patch moves on over the surfaces. At 1 and 5 m/s the overlap
-is 0.2 and 0.8 % of the radius, and the patch goes by 0.1 and 0.2 of its own radius.
-"""
+is 0.2 and 0.8 % of the radius, and the patch goes by 0.1 and 0.2 of its own radius."""
 
 import functools
 import math
@@ -25,10 +24,8 @@ ANGLES = (0.5, 1.5, 2.5, 3.0, 3.5, 4.0)  # psi_1: partial slip up to gross slip,
 
 @functools.cache
 def theoretical(nu: float, psi: float) -> float:
-    """psi_2 of a solid sphere: springs under a patch that stays where it is, at an overlap of nothing; R = m = E* = 1.
-
-    100 springs and 2000 steps: within 1e-4 of the table of `data`.
-    """
+    """psi_2 of a solid sphere: springs under a patch that stays where it is, at an overlap of nothing; R = m = E* = 1. 100
+    springs and 2000 steps: within 1e-4 of the table of `data`."""
     ratio = 2.0 * (1.0 - nu) / (2.0 - nu)  # G*/E*
     speed, scale = 1e-3, ratio / MU
     deepest = (15.0 / 16.0 * speed**2) ** 0.4
@@ -83,12 +80,10 @@ def test_the_curve_of_slow_impacts(make, level, error, every):
 @pytest.mark.parametrize("nu", NUS)
 @pytest.mark.parametrize(("speed", "step"), [(1.0, "auto"), (5.0, "auto"), slow(1.0, 1e-3), slow(5.0, 1e-3)])
 def test_rebound_at_metres_per_second(make, level, nu, speed, step):
-    """psi_2 to 1e-2 up to psi_1 = 4, with any step; renewal that took force from all springs alike made 1.7e-2 and 2.1e-2.
-
-    At 1 m/s: 3e-3 of the automatic time step, 5e-3 of the overlap, up to 9e-3 of renewal. At 5 m/s two larger parts make up for
-    each other: the overlap, which theory lacks, takes up to 1.9e-2 from psi_2, renewal gives up to 1.5e-2. In gross slip the arm
-    of friction is R less half the overlap, whose mean by force is .82 of the largest one.
-    """
+    """psi_2 to 1e-2 up to psi_1 = 4, with any step; renewal that took force from all springs alike made 1.7e-2 and 2.1e-2. At 1
+    m/s: 3e-3 of the automatic time step, 5e-3 of the overlap, up to 9e-3 of renewal. At 5 m/s two larger parts make up for each
+    other: the overlap, which theory lacks, takes up to 1.9e-2 from psi_2, renewal gives up to 1.5e-2. In gross slip the arm of
+    friction is R less half the overlap, whose mean by force is .82 of the largest one."""
     errors = [rebound(make, psi, nu, speed, level, step) - theoretical(nu, psi) for psi in (*ANGLES, 12.0)]
     assert errors[:-1] == pytest.approx([0.0] * len(ANGLES), abs=1e-2)
     material = make.solid(210e9, nu, 7850.0)

@@ -1,8 +1,7 @@
 """Oblique and spinning impacts against the closed forms of gross slip: Chung and Ooi's tests 6 and 7; Maw, Barber and Fawcett.
 
 Spins about y, tangential motion along x. Gross slip means that the surfaces never stop slipping during the impact: friction's
-impulse is then mu times the normal impulse, whatever the tangential law.
-"""
+impulse is then mu times the normal impulse, whatever the tangential law."""
 
 import functools
 import itertools

@@ -1,7 +1,6 @@
 """Paths of planar particles at level `exact` against memory diagrams with all their pieces, at several frictions.
 
-The judge solves the three conditions of equilibrium by itself, with the same straight steps: 100 of pressing, then the drag.
-"""
+The judge solves the three conditions of equilibrium by itself, with the same straight steps: 100 of pressing, then the drag."""
 
 from types import SimpleNamespace
 

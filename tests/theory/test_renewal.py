@@ -72,10 +72,8 @@ def test_steady_rolling_has_the_creep_of_kalker(case):
 
 @each(list(itertools.product(LEVELS, FORCE_LEFT)))
 def test_rolling_takes_first_what_the_edge_carries(case):
-    """A field that falls to nothing at the edge, from loading at a constant angle, loses little at first, as in truth.
-
-    Beyond one contact radius the springs fall behind: 0.48 instead of 0.34 is left after two.
-    """
+    """A field that falls to nothing at the edge, from loading at a constant angle, loses little at first, as in truth. Beyond
+    one contact radius the springs fall behind: 0.48 instead of 0.34 is left after two."""
     level, nu = case
     spot = RollingSpot(level, pair(nu))
     spot.h, spot.w = (0.0,) * len(spot.h), np.zeros_like(spot.w)
@@ -88,13 +86,11 @@ def test_rolling_takes_first_what_the_edge_carries(case):
 
 @each(EVERY)
 def test_creep_curve_beside_carter_and_kalker(level):
-    """The whole curve T/(mu N) over its linear part, G a^2 C11 xi/(mu N).
-
-    Springs that renew alike everywhere share one elongation and slide from the edge on: T/(mu N) = 1 - (1 - 2 x/3)^1.5. The
-    slope is Kalker's; full sliding comes early, at x = 1.5, against 2 of Carter's cylinder and 3 of the ball. At most
-    (of the places looked at, x = 1.3) the curve is 0.07 above Carter's and 0.13 above that of the ball. The one spring of
-    `mindlin` and `coulomb` slides as a whole, at x = 1, up to 0.25 and 0.30 above them.
-    """
+    """The whole curve T/(mu N) over its linear part, G a^2 C11 xi/(mu N). Springs that renew alike everywhere share one
+    elongation and slide from the edge on: T/(mu N) = 1 - (1 - 2 x/3)^1.5. The slope is Kalker's; full sliding comes early, at x
+    = 1.5, against 2 of Carter's cylinder and 3 of the ball. At most (of the places looked at, x = 1.3) the curve is 0.07 above
+    Carter's and 0.13 above that of the ball. The one spring of `mindlin` and `coulomb` slides as a whole, at x = 1, up to 0.25
+    and 0.30 above them."""
     nu, far, longer = 0.25, [0.0, 0.0], 10 if level == "coulomb" else 1
     for share in (0.1, 0.6, 1.0, 1.3, 1.5, 3.0):
         spot = RollingSpot(level, pair(nu))

@@ -1,7 +1,6 @@
 """Contacts of spheres with rough plates in the explicit integrator: closed forms, conservation, several contacts, tracking.
 
-Forces at a place are those of the engine, evaluated in a step of zero length, in which nothing moves and nothing slides.
-"""
+Forces at a place are those of the engine, evaluated in a step of zero length, in which nothing moves and nothing slides."""
 
 import functools
 import math
@@ -109,10 +108,8 @@ def test_a_field_of_zeros_is_a_flat_plate_bit_for_bit(make):
 
 @pytest.mark.parametrize(("x", "sign"), [(0.0, 1.0), (0.5 * SIZE / WAVES, -1.0)], ids=["crest", "valley"])
 def test_crest_and_valley_have_the_radius_of_hertz(lifted_ball, wavy, x, sign):
-    """(1/R_eff)^2 = (1/R + k)/R with the curvature k of the spline at a node, in closed form.
-
-    The second derivative changes by angle^2/2 of itself to the next node; its kink here is rounded off by RAMP/2 of that.
-    """
+    """(1/R_eff)^2 = (1/R + k)/R with the curvature k of the spline at a node, in closed form. The second derivative changes by
+    angle^2/2 of itself to the next node; its kink here is rounded off by RAMP/2 of that."""
     angle = 2.0 * math.pi * WAVES / CELLS
     scale = 6.0 * AMPLITUDE / (4.0 + 2.0 * math.cos(angle))
     bend = sign * scale * 2.0 * (1.0 - math.cos(angle)) * (CELLS / SIZE) ** 2 * (1.0 - 0.5 * RAMP * (1.0 - math.cos(angle)))
@@ -128,8 +125,7 @@ def test_crest_and_valley_have_the_radius_of_hertz(lifted_ball, wavy, x, sign):
 
 def loop_work(simulation, profile):
     """Press at a crest, move along to the valley, release there: work done with and without the gradient force, energies there.
-    Gauss' rule in each cell and on the ramps at its borders, where all is smooth, and along the indentation with depth ~ t^2.
-    """
+    Gauss' rule in each cell and on the ramps at its borders, where all is smooth, and along the indentation with depth ~ t^2."""
     points, weights = np.polynomial.legendre.leggauss(5)
     points, weights = 0.5 * (points + 1.0), 0.5 * weights
     valley, whole, plain, energies = 0.5 * SIZE / WAVES, 0.0, 0.0, []

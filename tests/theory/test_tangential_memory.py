@@ -1,8 +1,7 @@
 """What cycles of load and shear do to the tangential memory at every level, and loops of partial slip.
 
 The exact field is that of the method of dimensionality reduction: springs side by side, each in contact while its place lies
-within the contact radius, each forgetting when it leaves. It is written here anew, with numpy alone.
-"""
+within the contact radius, each forgetting when it leaves. It is written here anew, with numpy alone."""
 
 import itertools
 import math
@@ -104,10 +103,8 @@ def swing(name, count):
 
 @pytest.mark.parametrize("count", [40, pytest.param(401, marks=pytest.mark.full(kind="slow"))])
 def test_a_static_force_outlives_swings_of_load_and_shear(count):
-    """With rings; two numbers lose it: the path is hard. 0.085: partial slip at constant overlap, which neither has.
-
-    Beats of twelve random pairs of swings stay within 0.11.
-    """
+    """With rings; two numbers lose it: the path is hard. 0.085: partial slip at constant overlap, which neither has. Beats of
+    twelve random pairs of swings stay within 0.11."""
     for name in SWINGS | (BEATS if count > 100 else {}):
         path, single = swing(name, count), "beat" not in name
         right = exact(path, kappa=1.0)

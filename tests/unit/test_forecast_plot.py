@@ -102,8 +102,7 @@ REPORTED = (2, 1, 3, 0, 4)
 
 def write_run(folder, message=REPORTED, distances=DISTANCES, rolled=None, partner=-1, path=1.0):
     """A run of five bodies, the last without a forecast, the second of brass; each on one spot. `rolled` (F, B): length that each
-    body has rolled, m; `partner` of body 0 in the drag; `path`: share of the distance that the upper plate is away at the end.
-    """
+    body has rolled, m; `partner` of body 0 in the drag; `path`: share of the distance that the upper plate is away at the end."""
     folder.mkdir()
     header = {"scene_text": SCENE, "title": "five bodies", "state_names": STATES, "reason_names": ["none"],
               "units": {"distance": "m"}, "materials": ["steel", "brass"]}  # fmt: skip

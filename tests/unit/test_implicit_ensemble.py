@@ -161,9 +161,7 @@ def fraction(relief, limit=0.0, spots_part=1):
 
 def test_a_spot_at_the_limit_shortens_a_correction_that_reverses_its_slip():
     """To its slip so far: with no displacement that friction holds, nothing more. One that is relieved wholly shortens none:
-
-    its limit is none at all, it would shorten every correction, to a stop. Where spots do not interact it counts.
-    """
+    its limit is none at all, it would shorten every correction, to a stop. Where spots do not interact it counts."""
     for relief in (0.0, 0.5 * OVERLAP):
         assert fraction(relief, limit=1e-6) == pytest.approx(SLIP / BACK, rel=1e-12)
     assert fraction(OVERLAP) == fraction(1.5 * OVERLAP) == 1.0

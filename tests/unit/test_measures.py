@@ -43,10 +43,8 @@ def kernel(name, step, **options):
 
 
 def test_flash_temperature_of_a_steel_spot_and_its_warning():
-    """Section 16: 1.2 K for a steel sphere of 10 um at 1 m/s and 0.5 mN, friction 0.3; told to two digits there.
-
-    Contact radius of Hertz: a^3 = 3 F R/(4 E*), E* of steel on steel 210 GPa/(2 (1 - 0.09)).
-    """
+    """Section 16: 1.2 K for a steel sphere of 10 um at 1 m/s and 0.5 mN, friction 0.3; told to two digits there. Contact radius
+    of Hertz: a^3 = 3 F R/(4 E*), E* of steel on steel 210 GPa/(2 (1 - 0.09))."""
     a = (3.0 * 5e-4 * 10e-6 / (4.0 * 210e9 / (2.0 * 0.91))) ** (1.0 / 3.0)
     step = contact(force=0.3 * 5e-4, limit=0.3 * 5e-4, load=5e-4, speed=1.0, contact_radius=a, dt=1e-9, plate=1.0)
     mean, largest, peclet = kernel("flash_temperature", step)
