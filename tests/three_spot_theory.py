@@ -34,9 +34,6 @@ def dundurs_beta(g_a: float, nu_a: float, g_b: float, nu_b: float) -> float:
     return difference / (2.0 * (1.0 - nu_a) / g_a + 2.0 * (1.0 - nu_b) / g_b)
 
 
-# -- Hertz --
-
-
 def hertz_force(e: float, radius: float, overlap: float) -> float:
     """Normal force N [N] (Eq. 5): N = (4/3) E* sqrt(R) d^1.5; 0 without overlap."""
     return 4.0 / 3.0 * e * math.sqrt(radius) * max(overlap, 0.0) ** 1.5
@@ -57,9 +54,6 @@ def peak_pressure(force: float, patch_radius: float) -> float:
     return 1.5 * force / (math.pi * patch_radius**2)
 
 
-# -- tangential --
-
-
 def critical_displacement(mu: float, e: float, g: float, overlap: float) -> float:
     """Displacement s_c = mu (E*/G*) d at which the whole contact slides [m] (Eq. 13); independent of R."""
     return mu * e / g * overlap
@@ -68,9 +62,6 @@ def critical_displacement(mu: float, e: float, g: float, overlap: float) -> floa
 def stick_ratio(force_ratio: float) -> float:
     """Stick radius over contact radius c/a = (1 - T/(mu N))^(1/3) on first loading (Eq. 18 at dN = 0)."""
     return max(1.0 - force_ratio, 0.0) ** (1.0 / 3.0)
-
-
-# -- three spots, normal load --
 
 
 def compliance_ratio(e_1: float, r_1: float, e_2: float, r_2: float, r_3: float) -> float:
@@ -102,9 +93,6 @@ def upper_fraction(alpha: float, m: float) -> float:
 def upper_fraction_slope(alpha: float) -> float:
     """psi = d delta/d m~ at m~ = 0 (Eq. 10): -2 alpha/(3 sqrt(1 + alpha))."""
     return -2.0 * alpha / (3.0 * math.sqrt(1.0 + alpha))
-
-
-# -- self-consistency --
 
 
 def lower_force_fraction(x: Sequence[float], mu_h: float) -> float:
@@ -161,9 +149,6 @@ def tilted_state(
     return scale * sink, scale * tilt, (force, fraction * force, (1.0 - fraction) * force)
 
 
-# -- planar conditions with weight, many spots, two frictions --
-
-
 def lower_resultant(x_upper: float, t: float, h: float, weight_ratio: float = 0.0) -> float:
     """Position q [m] of the lower resultant: (x_1 - t h)/(1 + w) (Eq. 2). The strut leans against the motion."""
     return (x_upper - t * h) / (1.0 + weight_ratio)
@@ -201,9 +186,6 @@ def regime(x_1: float, half_width: float, mu: float) -> str:
     except ValueError:  # it cannot stick even at rest
         return "rolling"
     return "sliding" if state == "sliding" else "sticking"
-
-
-# -- normal problem with tilt and weight --
 
 
 def _load_coefficients(x: Sequence[float]) -> tuple[tuple[float, float, float], tuple[float, float, float]]:

@@ -128,7 +128,6 @@ def test_a_run_that_is_being_written_is_never_damaged(tmp_path):
 
 # sweeps -------------------------------------------------------------------------------------------------------------------------
 
-COMMAND = [sys.executable, "-m", "thirdbody", "sweep"]
 VARY = ["--vary", "pairs.0.friction=0.05:0.6:3", "--vary", "debris.0.count=3,4000", "--workers", "2", "-q"]
 """Half of the points fails: 4000 balls have no space in the domain."""
 LONG = ["--set", "solver.distance=0.2 um"]
@@ -137,7 +136,7 @@ LONG = ["--set", "solver.distance=0.2 um"]
 def start_sweep(folder, out):
     words = [out, "--resume", "-q"] if (folder / out / "sweep.json").exists() else ["balls.toml", *VARY, *LONG, "-o", out]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
-    return subprocess.Popen([*COMMAND, *words], cwd=folder, start_new_session=True, **quiet)
+    return subprocess.Popen([sys.executable, "-m", "thirdbody", "sweep", *words], cwd=folder, start_new_session=True, **quiet)
 
 
 def children(process):

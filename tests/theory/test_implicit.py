@@ -45,9 +45,6 @@ def path(simulation, stops, number=0):
     return np.array(rows)
 
 
-# -- accuracy --
-
-
 def test_steps_are_of_second_order(make):
     """A ball without friction, slowed by a uniform drag: v = v0 exp(-rate t), with steps of one length."""
     rate, v0, spin, duration = 1e6, 0.3, 2e4, 2e-6
@@ -88,9 +85,6 @@ def test_error_falls_with_the_tolerance(make):
     assert errors[-1] < 5e-9
 
 
-# -- a ball between plates: how it comes to roll is in test_rolling --
-
-
 @pytest.mark.parametrize("level", LEVELS)
 def test_ball_rolls_at_half_the_speed_at_any_speed(make, level):
     speed = 1e-3
@@ -118,9 +112,6 @@ def test_rolling_resistance_is_what_the_plate_feels(make):
     # the arm is R - d/2, and d/R is 1e-3
     assert force[0] / LOAD == pytest.approx(-mu_r, rel=2e-3) and make.velocity(simulation)[0] == pytest.approx(5e-4, rel=1e-3)
     assert make.label(simulation) == "rolling"
-
-
-# -- sliding and partial slip --
 
 
 @pytest.mark.parametrize("level", LEVELS)
@@ -179,9 +170,6 @@ def test_three_spot_particle_follows_the_static_path(make, level):
     assert worst < 3e-3
 
 
-# -- energy --
-
-
 def slid(make, level, **keys):
     """(lines of the ledger, its relative residual) of a flake that slid by 3 um."""
     simulation = micro(make, [make.clump(make.HEXAGON)], drag(1e-3), level=level, **keys)
@@ -217,9 +205,6 @@ def test_a_scheduled_load_is_that_of_the_end_of_the_step(make):
     simulation = micro(make, [make.ball(MICRO, (MIDDLE, MIDDLE, MICRO))], drag(1e-3), patch=rise)
     simulation.integrator.advance_to(time=simulation.settle + 5e-7)
     assert simulation.state.P[0, patch.LOAD] == pytest.approx(2.0 * LOAD, rel=1e-9)
-
-
-# -- what results do not depend on --
 
 
 def test_neither_repetition_nor_the_order_of_bodies_changes_a_bit(make):

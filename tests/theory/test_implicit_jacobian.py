@@ -12,22 +12,12 @@ from theory.plain import plain
 
 from thirdbody.kernels.arguments import Motion
 from thirdbody.kernels.height_field import pack_field
+from thirdbody.kernels.implicit import workspace
 from thirdbody.kernels.implicit.jacobian import assemble
 from thirdbody.kernels.implicit.newton import evaluate as evaluate_island
 from thirdbody.kernels.implicit.pairs import pairs_part
 from thirdbody.kernels.implicit.rough import rough_part, update_minima
 from thirdbody.kernels.implicit.spots_part import spots_part
-from thirdbody.kernels.implicit.workspace import (
-    FREEDOMS,
-    ISLANDS,
-    KINDS,
-    STAGE,
-    ImplicitContext,
-    IslandTables,
-    island_at,
-    make_scratch,
-    spaces_of,
-)
 from thirdbody.kernels.minima import RoughPlates
 from thirdbody.kernels.plates import BASINS
 from thirdbody.kernels.rolling_kinematics import MOMENTS, TWIST
@@ -38,7 +28,7 @@ from thirdbody.kernels.tile import rolling_input as turn_in
 from thirdbody.kernels.tile import rolling_output as turn_out
 from thirdbody.rotations import matrix_from_quaternion
 
-FLAT = np.zeros((0, surface_contact.WIDTH))
+FREEDOMS, FLAT = workspace.FREEDOMS, np.zeros((0, surface_contact.WIDTH))
 HISTORY = 5  # force, moment and moment about the normal of a contact at the start of the step
 STIFF, SHEAR, ROLL, TORSION = 1.3, 0.9, 0.2, 0.7
 
@@ -81,10 +71,10 @@ def tangents(I, K, n, _):  # noqa: E741
 def evaluate(context, tables, y, r, J):
     n, made = len(tables.bodies), {}
     half_width = FREEDOMS * (int(tables.widths[0]) + 1) - 1
-    scratch = make_scratch(context, n, 1, FREEDOMS * n * (3 * half_width + 1), len(context.initial_overlaps))
+    scratch = workspace.make_scratch(context, n, 1, FREEDOMS * n * (3 * half_width + 1), len(context.initial_overlaps))
     given = scratch._asdict()
-    scratch = scratch._replace(**dict(zip(("spaces", "pair_spaces"), spaces_of(given), strict=True)))
-    island, motion = plain(island_at, made)(0, tables), Motion(DT, 0.0, 0.0)
+    scratch = scratch._replace(**dict(zip(("spaces", "pair_spaces"), workspace.spaces_of(given), strict=True)))
+    island, motion = plain(workspace.island_at, made)(0, tables), Motion(DT, 0.0, 0.0)
     scratch.starts[:] = context.starts
     scratch.coordinates[:, 0] = y.reshape(n, FREEDOMS)
     scratch.before[:] = context.initial_overlaps
@@ -193,7 +183,7 @@ def rough_tables(rng, curved, force, closing):
     def overlaps():
         S[:, :3], P[0, patch.HEIGHT], Q[:, surface_contact.SEARCHED] = arms + centre, up, np.inf
         Q[:, surface_contact.DISTANCE], Q[:, surface_contact.MINIMA] = np.inf, 0.0
-        update_minima(STAGE.ACCEPT, 0, rows, RoughPlates(given["own"], given["partner"], S, P, Q, D, lower, upper))
+        update_minima(workspace.STAGE.ACCEPT, 0, rows, RoughPlates(given["own"], given["partner"], S, P, Q, D, lower, upper))
         return RADIUS - np.array([Q[plate == p, surface_contact.DISTANCE].min() for p in (0, 1)])
 
     bounds = [-2.0, 4.0]
@@ -231,7 +221,8 @@ def errors_of(write, n, steps, least):
 
 
 def jacobian_errors(given, steps):
-    context, tables = filled(ImplicitContext, KINDS, given), filled(IslandTables, ISLANDS, ONE)
+    context = filled(workspace.ImplicitContext, workspace.KINDS, given)
+    tables = filled(workspace.IslandTables, workspace.ISLANDS, ONE)
     return errors_of(lambda y, r, J: evaluate(context, tables, y, r, J), FREEDOMS, steps, 2)
 
 
@@ -280,9 +271,6 @@ def test_with_the_gradient_force_the_jacobian_is_the_derivative_of_the_residual(
     assert np.median(errors) < 1e-6 and max(errors) < 2e-5, errors
 
 
-# -- two bodies that touch --
-
-
 def two_bodies(rng, force, closing):
     """Tables of two bodies of three spheres in random poses, one sphere of each in contact."""
     offsets, q = rng.uniform(-1.0, 1.0, (6, 3)), rng.standard_normal((2, 4))
@@ -314,7 +302,7 @@ def two_bodies(rng, force, closing):
         "bodies": np.arange(2), "body_edges": np.array([0, 2]), "position": np.arange(2), "widths": np.ones(1, np.int64),
         "pairs": np.zeros(1, np.int64), "pair_edges": np.array([0, 1]),
     }  # fmt: skip
-    return filled(ImplicitContext, KINDS, given), filled(IslandTables, ISLANDS, island)
+    return filled(workspace.ImplicitContext, workspace.KINDS, given), filled(workspace.IslandTables, workspace.ISLANDS, island)
 
 
 @pytest.mark.parametrize(("force", "closing"), [(0.0, False), (0.01, False), (0.01, True)], ids=["at rest", "loaded", "closing"])

@@ -79,10 +79,7 @@ def tables(simulation):
     return [table.tobytes() for table in (state.B, state.E, state.P, state.A, slots.own, slots.partner, slots.Q, slots.H, *own)]
 
 
-COUPLED = rigid(6), MEET, MEET | rigid(6)
-
-
-@pytest.mark.parametrize(("count", "settings"), [(8, {}), *(slow(6, settings) for settings in COUPLED)])
+@pytest.mark.parametrize(("count", "settings"), [(8, {}), *(slow(6, settings) for settings in (rigid(6), MEET, MEET | rigid(6)))])
 def test_threads_and_checkpoints_change_no_bit(count, settings):
     """A run on all threads, and one on a single thread with a checkpoint halfway from which a new run goes on."""
     given = scene(count, **SURFACES | settings)

@@ -141,9 +141,6 @@ def test_micrometre_clumps_tumble_like_metre_sized_ones(make):
     assert small == pytest.approx(large, rel=1e-9, abs=1e-9)
 
 
-# -- the longest stable step against the amplification of the scheme itself, written out for one oscillator --
-
-
 def growth(omega, rate, dt):
     """Spectral radius of one step of velocity Verlet; the dashpot sees v + dt a, predicted from the force before."""
     w, g = (omega * dt) ** 2, rate * dt

@@ -119,8 +119,6 @@ def test_direction_of_the_plane_does_not_matter(make, degrees):
         assert row == pytest.approx(found[0], rel=1e-11, abs=1e-12)
 
 
-# -- test 4, from 5 to 85 degrees at every level; `pytest -s -m ''` prints the table in plugins/three_spot/README.md --
-
 SPEED, FRICTION, RESTITUTION, RADIUS = 3.9, 0.092, 0.98, 2.5e-3
 ANGLES = range(5, 86, 10)
 LEVELS = sorted(THREE_SPOT.levels)

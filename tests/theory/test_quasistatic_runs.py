@@ -118,9 +118,6 @@ def test_energy_created_by_one_body_is_refused_at_every_scale(scale):
     assert idle[0] > CREATED_ENERGY_GUARD
 
 
-# -- the number that decides --
-
-
 def ball(make, speed, **keys):
     return one(make, make.ball(MICRO, (1e-4, 1e-4, MICRO)), speed, **keys)
 
@@ -146,9 +143,6 @@ def test_fast_motion_without_inertia_is_warned_of_and_refused(make):
         ball(make, 1.1 * FAST / unit)
     assert [fault.key for fault in refused.value.faults] == ["solver.inertia"]
     assert not any(words in text for text in ball(make, 1.1 * FAST / unit, inertia=True).warnings)
-
-
-# -- the load --
 
 
 def test_mean_of_a_load_that_jumps_and_grows():

@@ -137,8 +137,6 @@ def test_a_particle_that_snaps_over_in_the_drag_goes_on_in_its_next_seat():
     assert (end.label, end.reason, end.spots[1]) == ("rolling", "lift_off", "open")
 
 
-# -- without friction: the closest approach of the plates, then the least energy, by a judge that shares nothing with `balance` --
-
 SIZE, DEEP = 2e-6, 10e-9
 RISES = (0.0, 0.5e-9, 3e-9, 10e-9, 200e-9)  # of the lowest spot of a side: from none to more than the indentation
 CASES = [(*sides, rise, k) for k, (sides, rise) in enumerate((s, r) for s in ((3, 1), (1, 3), (3, 3), (6, 5)) for r in RISES)]

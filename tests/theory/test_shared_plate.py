@@ -274,7 +274,6 @@ def flying(make, one, other, speed=1.0, tolerance=5e-4):
 GRAZE = 1e-9  # gap, or overlap, of two balls that pass each other, m
 STRAIGHT = (0.5e-4, 1e-4, 0.3, 0.0)
 ACROSS = (1.9e-4, 1e-4, 0.3, 0.0)  # 15 um from the ball behind the face
-CROSSING = (0.6e-4, 0.9e-4, 0.0, 0.3)
 LATE = (0.7e-4, 0.94e-4, 0.0, 0.3)  # it comes by 14 um of way before the other; 10 um apart at the nearest
 
 
@@ -285,7 +284,7 @@ def beside(x, gap):
 
 PASS = {"same place, other times": (STRAIGHT, LATE), "graze across a face": (ACROSS, beside(0.05e-4, GRAZE))}
 MEET = {
-    "same place, same time": (STRAIGHT, CROSSING),
+    "same place, same time": (STRAIGHT, (0.6e-4, 0.9e-4, 0.0, 0.3)),
     "off centre": (STRAIGHT, beside(0.6e-4, -R)),
     "off centre across a face": (ACROSS, beside(0.05e-4, -R)),
     "off centre across a face in y": ((1e-4, 1.9e-4, 0.0, 0.3), (1e-4 + R, 0.05e-4, 0.0, 0.0)),

@@ -135,8 +135,6 @@ def test_a_step_to_an_absurd_overlap_ends():
         assert not abs(answer.x) > 2.0 * G_STAR * 2.0**32 * 1e-3  # the grid ends at 2^30 or 2^31 radii
 
 
-# -- the tangent --
-
 STEPS = (1e-6, 1e-7)
 """Of the differences, over the overlap and the critical displacement: 1e-10 (1e-9) of rounding, 1e-12 of smooth curvature. The
 smaller one serves where a weak corner, of a spring with a small share of the force, lies within the other."""

@@ -16,7 +16,6 @@ from thirdbody.scene.model import Scene
 # a dumbbell of unequal balls, a ball, and a crooked body of three; rows of a body need not stand together
 SPHERES = [(3, 10, 20, 9, 5), (1, 60, 60, 40, 7), (9, 90, 30, 12, 6), (3, 16, 22, 9, 4), (9, 97, 30, 12, 4), (9, 90, 36, 14, 3)]
 PLAIN = "clump,x [um],y [um],z [um],radius [um]\n" + "".join(",".join(map(str, row)) + "\n" for row in SPHERES)
-IDS = [1, 3, 9]
 
 
 def text_of(name, more=""):
@@ -118,7 +117,7 @@ def test_csv_and_npz_say_the_same(placed):
     head = PLAIN.splitlines()[0] + ",qw,qx,qy,qz,vx [mm/s],vy [mm/s],vz [mm/s],wx [1/s],wy [rad/s],wz [1/s]\n"
     lift = [(c, x, y, z + 20, r) for c, x, y, z, r in SPHERES]
     text = head + "".join(",".join(map(str, row)) + f",{extra[row[0]]}\n" for row in lift)
-    table = np.array([[float(v) for v in extra[i].split(",")] for i in IDS])
+    table = np.array([[float(v) for v in extra[i].split(",")] for i in [1, 3, 9]])
     same = arrays(quaternion=table[:, :4], velocity=table[:, 4:7] * 1e-3, angular_velocity=table[:, 7:])
     same["center"][:, 2] += 20e-6
     (a, _, _), (b, _, _) = placed(text), placed(same)

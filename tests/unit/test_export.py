@@ -19,7 +19,6 @@ from thirdbody.trajectory.names import BLOCKS, MAP_STATISTICS, Frame
 from thirdbody.trajectory.writer import TrajectoryWriter
 
 STATES = [[0, 1, 2], [1, 1, 2], [1, 1, 2], [1, 3, 0]]
-CONTACTS = (0, 4, 0, 3)
 HEADER = {
     "scene_text": "scene = 1\n", "state_names": ["free", "sticking", "sliding", "rolling"],
     "reason_names": ["none", "friction_limit"],
@@ -30,7 +29,7 @@ STATIC = {"spheres": {"radius": np.linspace(1.0, 2.0, 600)}, "clumps": {"id": np
 
 def make_frame(number: int, states: bool = True) -> Frame:
     rng = np.random.default_rng(number)
-    count = CONTACTS[number]
+    count = (0, 4, 0, 3)[number]
     report = {"state": np.array(STATES[number], np.uint8), "state_reason": np.array([0, number in (0, 3), 0], np.uint8)}
     side = np.arange(count, dtype=np.uint8) % 3
     return Frame(

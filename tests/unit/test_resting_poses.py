@@ -151,7 +151,6 @@ def test_a_hundred_spheres_rest_in_little_memory():
 
 SCENE = scene_text("{debris}", '["100 um", "80 um"]', 'load = "1 mN"', "surface = {surface}")
 A_WAVE = '{wave = {amplitude = "1 um", wavelength = "20 um"}}'
-RANDOM = '{rms = "0.5 um", long = "20 um", short = "4 um"}'
 LAYER = '[[debris]]\nmaterial = "steel"\nkind = "irregular"\ncount = 40\nsize = "8 um"\nspheres = 5\naspect = [1.0, 0.8, 0.6]\n'
 
 
@@ -170,7 +169,7 @@ def test_a_sphere_touches_a_wave_where_the_closed_form_says():
 
 
 def test_a_layer_lies_on_the_rough_plate_and_its_bodies_do_not_overlap():
-    scene = thirdbody.Scene.parse(SCENE.format(debris=LAYER, surface=RANDOM))
+    scene = thirdbody.Scene.parse(SCENE.format(debris=LAYER, surface='{rms = "0.5 um", long = "20 um", short = "4 um"}'))
     surfaces = plate_surfaces(scene)
     placed = populate(scene, [], surfaces)
     centres, radii, body = sphere_centres(placed)

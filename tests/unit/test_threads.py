@@ -9,33 +9,9 @@ import pytest
 from numba import njit
 from numba.core.errors import TypingError
 
+from thirdbody.jit import threads as teams
 from thirdbody.jit.arguments import array_part
 from thirdbody.jit.options import BARE
-from thirdbody.jit.threads import (
-    DISMISSED,
-    DONE,
-    FIRST,
-    LINE,
-    LONGEST,
-    MIN_MEASUREMENT,
-    PAUSE,
-    SHORT,
-    STARVED,
-    ThreadTuner,
-    allow_threads,
-    allowed_threads,
-    close_pass,
-    count_up,
-    distribute,
-    helpers,
-    load_word,
-    max_threads,
-    next_part,
-    open_pass,
-    pieces_of,
-    wait_again,
-    words_of,
-)
 from thirdbody.kernels.arguments import Tile
 from thirdbody.kernels.contact_geometry import gather_history, load_history
 from thirdbody.kernels.memory import load_field, pieces, store_history
@@ -44,34 +20,34 @@ from thirdbody.kernels.tile import TILE, geometry, law_input, law_output
 
 UNCACHED = {"error_model": "numpy", "nogil": True, "_nrt": False}
 PASSES, PARTS, CALL = 20_000, 7, 0.03
-assert CALL > MIN_MEASUREMENT
+assert CALL > teams.MIN_MEASUREMENT
 
 
 @njit(**BARE)
 def count(words, part, announced, times):
     times[announced[0], part] += 1
-    count_up(words, DONE)
+    teams.count_up(words, teams.DONE)
 
 
 @njit(**UNCACHED)
 def lead(words, members, announced, times):
     for number in range(times.shape[0]):
         announced[0] = number
-        open_pass(words, members)
-        part = next_part(words, 0, members, times.shape[1])
+        teams.open_pass(words, members)
+        part = teams.next_part(words, 0, members, times.shape[1])
         while part >= 0:
             count(words, part, announced, times)
-            part = next_part(words, 0, members, times.shape[1])
-        close_pass(words, times.shape[1])
+            part = teams.next_part(words, 0, members, times.shape[1])
+        teams.close_pass(words, times.shape[1])
 
 
 @njit(**UNCACHED)
 def follow(words, member, members, announced, times, done):
     attempts = 0
-    while load_word(words, DISMISSED) == 0:
-        part = next_part(words, member, members, times.shape[1])
+    while teams.load_word(words, teams.DISMISSED) == 0:
+        part = teams.next_part(words, member, members, times.shape[1])
         if part < 0:
-            attempts = wait_again(attempts)
+            attempts = teams.wait_again(attempts)
         else:
             count(words, part, announced, times)
             done[member] += 1
@@ -81,22 +57,22 @@ def follow(words, member, members, announced, times, done):
 def team(members, passes):
     """Words, the number announced, the times that each part of each pass was done, the parts done by each member."""
     times, done = np.zeros((passes, PARTS), np.int64), np.zeros(members, np.int64)
-    return np.zeros(words_of(members), np.int64), np.zeros(1, np.int64), times, done
+    return np.zeros(teams.words_of(members), np.int64), np.zeros(1, np.int64), times, done
 
 
 @pytest.mark.parametrize(("members", "present"), [(1, 1), (2, 2), (3, 3), (3, 1), (8, 3)])
 def test_every_part_of_every_pass_is_done_once(members, present):
     """Also where members are missing, and where there are more threads than cores or parts."""
     words, announced, times, done = team(members, PASSES if present <= 2 else PASSES // 20)
-    with helpers(present, words, lambda member: follow(words, member, members, announced, times, done)):
+    with teams.helpers(present, words, lambda member: follow(words, member, members, announced, times, done)):
         lead(words, members, announced, times)
     assert (times == 1).all() and done.sum() <= times.size
 
 
 def test_a_helper_takes_part():
     words, announced, times, done = team(2, 1)
-    with helpers(2, words, lambda member: follow(words, member, 2, announced, times, done)):
-        words[FIRST::LINE], limit = 0, time.monotonic() + 60.0  # opened
+    with teams.helpers(2, words, lambda member: follow(words, member, 2, announced, times, done)):
+        words[teams.FIRST :: teams.LINE], limit = 0, time.monotonic() + 60.0  # opened
         while done[1] < PARTS and time.monotonic() < limit:
             time.sleep(0.001)
     assert (times == 1).all() and list(done) == [0, PARTS]
@@ -107,54 +83,54 @@ def complain(text):
 
 
 def test_errors_of_helpers_are_raised_and_helpers_dismissed_after_an_error():
-    words, ended = np.zeros(words_of(2), np.int64), threading.Event()
-    with pytest.raises(ValueError, match="member 1"), helpers(2, words, lambda member: complain(f"member {member}")):
+    words, ended = np.zeros(teams.words_of(2), np.int64), threading.Event()
+    with pytest.raises(ValueError, match="member 1"), teams.helpers(2, words, lambda member: complain(f"member {member}")):
         pass
-    assert words[DISMISSED] == 1
+    assert words[teams.DISMISSED] == 1
 
     def wait_for_dismissal(_member):
-        while not words[DISMISSED]:
+        while not words[teams.DISMISSED]:
             time.sleep(0.001)
         ended.set()
 
     words[:] = 0
-    with pytest.raises(ValueError, match="leader"), helpers(2, words, wait_for_dismissal):
+    with pytest.raises(ValueError, match="leader"), teams.helpers(2, words, wait_for_dismissal):
         complain("leader")
     assert ended.is_set()
 
 
 @pytest.fixture
 def unchanged():
-    before = allowed_threads()
+    before = teams.allowed_threads()
     yield before
-    allow_threads(before)
+    teams.allow_threads(before)
 
 
 def test_pieces(unchanged):
     """They cover it, in order, none below the fewest unless it is the only one; one thread has one piece."""
     for threads in (1, 2, 5):
-        allow_threads(threads)
+        teams.allow_threads(threads)
         for first, last, fewest in ((0, 0, 4), (3, 5, 4), (3, 11, 4), (0, 1000, 4), (7, 1000, 300)):
-            pieces = pieces_of(first, last, fewest)
+            pieces = teams.pieces_of(first, last, fewest)
             assert [pieces[0][0], *(end for _, end in pieces)] == [*(begin for begin, _ in pieces), last]
             assert pieces[0][0] == first
             assert len(pieces) == 1 or (threads > 1 and min(end - begin for begin, end in pieces) >= fewest)
     # pieces are done once and errors are raised after all have ended
-    allow_threads(3)
+    teams.allow_threads(3)
     done = []
-    distribute(range(40), lambda: done.append)
+    teams.distribute(range(40), lambda: done.append)
     assert sorted(done) == list(range(40))
     with pytest.raises(ValueError, match="piece 5"):
-        distribute(range(40), lambda: lambda piece: complain(f"piece {piece}") if piece == 5 else None)
+        teams.distribute(range(40), lambda: lambda piece: complain(f"piece {piece}") if piece == 5 else None)
 
 
 def test_every_thread_of_python_has_its_own_number(unchanged):
     seen = []
-    allow_threads(unchanged + 1)
-    other = threading.Thread(target=lambda: seen.append(allowed_threads()))
+    teams.allow_threads(unchanged + 1)
+    other = threading.Thread(target=lambda: seen.append(teams.allowed_threads()))
     other.start()
     other.join()
-    assert (allowed_threads(), seen) == (unchanged + 1, [max_threads()])
+    assert (teams.allowed_threads(), seen) == (unchanged + 1, [teams.max_threads()])
 
 
 def report(pace, now, share, threads=2, wall=CALL, steps=1):
@@ -163,7 +139,7 @@ def report(pace, now, share, threads=2, wall=CALL, steps=1):
 
 def played(alone, shared, seconds):
     """Wall time on one and on two threads, s, of a run whose step takes so long on one and on two, s: calls of 64 steps."""
-    pace, now, spent = ThreadTuner(), 0.0, {1: 0.0, 2: 0.0}
+    pace, now, spent = teams.ThreadTuner(), 0.0, {1: 0.0, 2: 0.0}
     while now < seconds:
         threads = pace.threads(2, now)
         wall = 64 * (alone if threads == 1 else shared)
@@ -174,41 +150,41 @@ def played(alone, shared, seconds):
 
 
 def test_threads_with_a_core_each_stay_and_those_that_wait_yield_to_one():
-    pace = ThreadTuner()
+    pace = teams.ThreadTuner()
     for k in range(100):
         report(pace, k * CALL, 1.7)
         assert pace.threads(2, k * CALL) == 2
-    pace = ThreadTuner()
-    report(pace, 1.0, 0.5 * STARVED)
-    assert pace.threads(2, 1.0) == pace.threads(2, 1.0 + 0.9 * PAUSE) == 1
-    assert pace.threads(2, 1.0 + PAUSE) == 2
-    pace = ThreadTuner()  # one thread with its share of a core is no reason
+    pace = teams.ThreadTuner()
+    report(pace, 1.0, 0.5 * teams.STARVED)
+    assert pace.threads(2, 1.0) == pace.threads(2, 1.0 + 0.9 * teams.PAUSE) == 1
+    assert pace.threads(2, 1.0 + teams.PAUSE) == 2
+    pace = teams.ThreadTuner()  # one thread with its share of a core is no reason
     report(pace, 1.0, 0.3, threads=1)
     assert pace.threads(2, 1.0) == 2
-    pace = ThreadTuner()  # short calls are compared together
-    report(pace, 0.0, 0.1, wall=0.4 * MIN_MEASUREMENT)
+    pace = teams.ThreadTuner()  # short calls are compared together
+    report(pace, 0.0, 0.1, wall=0.4 * teams.MIN_MEASUREMENT)
     assert pace.threads(2, 0.0) == 2
-    report(pace, 0.0, 0.1, wall=0.7 * MIN_MEASUREMENT)
+    report(pace, 0.0, 0.1, wall=0.7 * teams.MIN_MEASUREMENT)
     assert pace.threads(2, 0.0) == 1
     # trials that fail come less and less often until one does not
-    pace, now, pauses = ThreadTuner(), 0.0, []
+    pace, now, pauses = teams.ThreadTuner(), 0.0, []
     for _ in range(8):
         report(pace, now, 0.1)
         pauses.append(pace.until - now)
         now = pace.until
-    assert pauses[0] == PAUSE and pauses[-1] == LONGEST
-    assert all(after == min(2.0 * before, LONGEST) for before, after in zip(pauses, pauses[1:], strict=False))
+    assert pauses[0] == teams.PAUSE and pauses[-1] == teams.LONGEST
+    assert all(after == min(2.0 * before, teams.LONGEST) for before, after in zip(pauses, pauses[1:], strict=False))
     report(pace, now, 1.8)
     assert pace.threads(2, now) == 2
     report(pace, now, 0.1)
-    assert pace.until - now == PAUSE
+    assert pace.until - now == teams.PAUSE
 
 
 def test_short_steps_go_on_the_threads_that_take_less():
     """One thread is tried now and then, and two, for some hundredths of a second: a per cent of the time. Not for long steps."""
     slower, faster = played(1e-4, 1.4e-4, 60.0), played(3e-4, 2e-4, 60.0)
     assert 0.0 < slower[2] < 0.01 * slower[1] and 0.0 < faster[1] < 0.01 * faster[2]
-    assert played(2.0 * SHORT, 1.1 * SHORT, 60.0)[1] == 0.0
+    assert played(2.0 * teams.SHORT, 1.1 * teams.SHORT, 60.0)[1] == 0.0
 
 
 Rows = namedtuple("Rows", "H kind n_history field_begin field_size")  # noqa: PYI024
