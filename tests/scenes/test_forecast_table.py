@@ -47,7 +47,7 @@ def table(request, tmp_path_factory):
     for friction, run in runs(tmp_path_factory.mktemp("forecast"), request.param):
         found = compare_forecast(run)
         bodies = run.bodies(found["frame"])
-        clear = np.all([np.abs(bodies[end] - friction) > BAND * friction for end in ("t_min", "t_max")], axis=0)
+        clear = ~np.any([np.abs(bodies[end] - friction) <= BAND * friction for end in ("t_min", "t_max")], axis=0)
         wrong = [b for name in ("rolls_instead", "slides_instead") for b in found[name] if clear[b]]
         report = int(np.count_nonzero(clear & (run.forecast[found["frame"]] != 4)))
         row = {"friction": friction, "forecast": report, "agree": report - len(wrong), "wrong": wrong}

@@ -30,14 +30,8 @@ from thirdbody.plot.summary_page import page
 from thirdbody.report.tables import run_report
 from thirdbody.runner.run_folder import RunFolder
 from thirdbody.runner.run_loop import RunLoop
+from thirdbody.trajectory import bed as beds
 from thirdbody.trajectory.accommodation import accommodation, parts_of, transmitting_weights
-from thirdbody.trajectory.bed import (
-    accommodation_fractions,
-    accommodation_text,
-    bed_warning,
-    short_accommodation_text,
-    softness_verdict,
-)
 from thirdbody.trajectory.bed_measures import BedMeasures
 from thirdbody.trajectory.drag import Drag
 from thirdbody.trajectory.names import ACCOMMODATION, BED
@@ -196,7 +190,7 @@ def test_every_output_has_the_mean_over_the_steady_part(folder, capsys):
         # values that alternate count as independent: 0.002 / sqrt(20), and the factor for the estimated mean
         assert 0.002 / 20**0.5 < bed.errors["inertial_number"] < 0.0007
         assert summary["quasi_static"] is False and bed.verdict == summary["bed_verdict"] == inertia_verdict(mean)
-        assert "solver.inertial_number = 0.001" in bed_warning(bed)
+        assert "solver.inertial_number = 0.001" in beds.bed_warning(bed)
         (axes,) = page(run, ["bed"]).axes
         drawn = {line.get_label(): line.get_ydata() for line in axes.lines}
         assert axes.get_title(loc="left") == f"Bed: {bed.verdict}" and axes.get_yscale() == "log"
@@ -239,7 +233,7 @@ def test_the_verdicts_give_the_number_and_what_it_means():
     assert inertia_verdict(0.02) == "not quasi-static: I = 0.02 raises friction by about 0.02"
     limits = {1e4: "stiff: kappa = 10000", 9.9e3: "fairly stiff", 1e3: "fairly stiff", 990.0: "soft: kappa = 990"}
     for softness, word in limits.items():
-        said = softness_verdict(softness, 1e-4)
+        said = beds.softness_verdict(softness, 1e-4)
         assert said.startswith(word) and "0.01 % of the radius" in said
 
 
@@ -316,8 +310,8 @@ def test_beds_are_sheared_between_the_bodies_that_pass_load_on():
 def test_shares_in_words_leave_nothings_out():
     fractions = {"upper_slip": 0.321, "lower_slip": -0.02, "rolling": 0.699, "shear": 0.0}
     text = "70 % rolling, 32 % slip at the upper plate, \u22122 % slip at the lower plate"
-    assert accommodation_text(fractions).replace("\u00a0", " ") == text
-    assert short_accommodation_text(fractions).replace("\u00a0", " ") == "70 % rolling, 30 % slip"
+    assert beds.accommodation_text(fractions).replace("\u00a0", " ") == text
+    assert beds.short_accommodation_text(fractions).replace("\u00a0", " ") == "70 % rolling, 30 % slip"
 
 
 RAMP = [{"ramp": "0.5 m/s", "duration": "1 us"}, {"velocity": "0.5 m/s"}]
@@ -341,13 +335,13 @@ def check_sum(run):
 def test_balls_only_roll_and_flakes_only_slip(tmp_path):
     with run_of(tmp_path / "balls") as run:
         check_sum(run)
-        assert accommodation_fractions(run.drag)["rolling"] == pytest.approx(1.0, abs=0.01)  # creep and the ramp's vibration
-        assert run.summary()["accommodation"] == accommodation_fractions(run.drag)
+        assert beds.accommodation_fractions(run.drag)["rolling"] == pytest.approx(1.0, abs=0.01)  # creep and the ramp's vibration
+        assert run.summary()["accommodation"] == beds.accommodation_fractions(run.drag)
         assert run.units["accommodation_rolling"] == "m/s"
     flakes = {"debris.0": {"material": "steel", "kind": "spheres", "count": 4, "shape": FLAKE, "seed": 1}}
     with run_of(tmp_path / "flakes", **flakes) as run:
         check_sum(run)
-        fractions = accommodation_fractions(run.drag)
+        fractions = beds.accommodation_fractions(run.drag)
         assert fractions["upper_slip"] + fractions["lower_slip"] == pytest.approx(1.0, abs=0.01)
         axes = run.plot(panels=["accommodation"]).axes[0]
         assert "slip" in axes.get_title(loc="left")
