@@ -80,7 +80,7 @@ class Implicit:
         self.totals = np.zeros((state.n_bodies, run_totals.WIDTH))
         shared = state.n_bodies if together else 0
         self.starts, self.ends = np.zeros((shared, step_start.WIDTH)), np.zeros((shared, FREEDOMS))
-        self.solutions, self.initial_overlaps = np.zeros((shared, body_solution.WIDTH)), np.zeros(0)
+        self.solutions = np.zeros((shared, body_solution.WIDTH))
         self.paths = np.zeros((state.n_spheres if self.meets else 0, sphere_path.WIDTH))
         self.memory = np.zeros((state.n_bodies, step_memory.WIDTH))
         smallest = np.minimum.reduceat(state.spheres.radius, state.start[:-1])
@@ -130,7 +130,7 @@ class Implicit:
 
     def connect(self, islands: Islands) -> None:
         self.islands = islands
-        self.initial_overlaps = np.zeros(self.state.slots.count if self.meets or self.together else 0)
+        self.start_depths = np.zeros(self.state.slots.count)
         self.scratch_of_threads.fit((*islands.largest(), self.max_per_body))
 
     def advance_to(
@@ -234,7 +234,7 @@ class Implicit:
         return self._pack(
             ImplicitContext(  # type: ignore[call-arg]
                 **self._constant, **table_arguments(self.state), kind=self.state.slots.kind, plate_edges=self.edges,
-                plate_incidence=self.incidence, initial_overlaps=self.initial_overlaps,
+                plate_incidence=self.incidence, start_depths=self.start_depths,
             )
         )  # fmt: skip
 

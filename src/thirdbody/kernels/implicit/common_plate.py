@@ -46,9 +46,6 @@ def plate_reaction(context, b, m, space):
 
 @njit(**BARE)
 def load_body(context, b, space):
-    low, high = context.plate_edges[b], context.plate_edges[b + 1]
-    for e in range(low, high):
-        space.before[e - low] = context.initial_overlaps[e]
     for k in range(step_start.WIDTH):
         space.start[k] = context.starts[b, k]
     for k in range(FREEDOMS):
@@ -105,8 +102,6 @@ def solve_at(first, last, first_iteration, displacement, motion, packed, tables,
                 measure_arm(context, b, space)
                 save_start(a, context, island, scratch)
                 control.begin_step(context, b, displacement, motion, space)
-                for e in range(context.plate_edges[b], context.plate_edges[b + 1]):
-                    context.initial_overlaps[e] = space.before[e - context.plate_edges[b]]
             else:
                 load_body(context, b, space)
             if spring_of(a, context, island) == 0.0:

@@ -143,15 +143,15 @@ def begin_step(context, b, displacement, motion, space):
             Z[step_start.MASS_FRACTION] = min(1.0, limit)
     ratio, y = step_ratio(T, V, dt), space.y
     now, last = bdf2_weights(ratio)
-    Z[step_start.NOW], Z[step_start.BEFORE] = now, last
-    scale, before = dt / now, last / now
+    Z[step_start.NOW], Z[step_start.LAST] = now, last
+    scale, part = dt / now, last / now
     for k in range(3):
         v = Z[step_start.VELOCITY + k] + ratio * T[step_memory.LAST_DV + k]
         w = Z[step_start.SPIN + k] + ratio * T[step_memory.LAST_DW + k]
-        y[k] = scale * v + before * T[step_memory.LAST_COORDINATES + k]
-        y[3 + k] = scale * w * Z[step_start.ARM] + before * T[step_memory.LAST_COORDINATES + 3 + k]
+        y[k] = scale * v + part * T[step_memory.LAST_COORDINATES + k]
+        y[3 + k] = scale * w * Z[step_start.ARM] + part * T[step_memory.LAST_COORDINATES + 3 + k]
     patch_velocity = Z[step_start.PATCH_VELOCITY] + ratio * T[step_memory.LAST_DRISE]
-    predicted = scale * patch_velocity + before * T[step_memory.LAST_COORDINATES + 6]
+    predicted = scale * patch_velocity + part * T[step_memory.LAST_COORDINATES + 6]
     y[6] = predicted if P[p, patch.FREE] != 0.0 else displacement
 
 

@@ -81,7 +81,7 @@ def assess_island(m, converged, motion, context, island, scratch):
     for a in range(island.n):
         b, space, n = body_at(a, island), space_at(a, scratch), max(scratch.counts[a], 0)
         for q in range(n):
-            landing = landing or space.before[space.slots[q] - context.plate_edges[b]] < 0.0
+            landing = landing or context.start_depths[space.slots[q]] < 0.0
         y = space.y
         error = max(error, control.local_error(context, b, motion.dt, space))
         rotation = max(rotation, math.sqrt(y[3] * y[3] + y[4] * y[4] + y[5] * y[5]) / space.start[step_start.ARM])
@@ -180,7 +180,7 @@ def advance_islands(first, last, until, tries, packed, tables, packed_scratch):
 # -- ensembles --
 
 _WORDS = first_words(KINDS)
-H_ADDRESS, R_ADDRESS, S_ADDRESS = (_WORDS[name] for name in ("H", "R", "S"))
+H_ADDRESS, R_ADDRESS, S_ADDRESS, DEPTHS_ADDRESS = (_WORDS[name] for name in ("H", "R", "S", "start_depths"))
 """Words of the packed arguments that hold the addresses of the tables that exist for one body at a time."""
 
 changing_context_of = make_unpacker(Unpacked(KINDS, ImplicitContext, changing=True))
@@ -190,7 +190,7 @@ advance_at = function_at(ADVANCE)
 Span = namedtuple("Span", "first last low high advance")
 """Bodies `first` to `last` - 1 of a batch, of which `low` to `high` - 1 are advanced; address of `driver.advance_islands`."""
 
-OneBody = namedtuple("OneBody", "H R S radii")
+OneBody = namedtuple("OneBody", "H R S depths radii")
 """Tables with room for the candidates and the spheres of any body; radii of all spheres, or none where spheres are kept."""
 
 
@@ -201,7 +201,7 @@ def point_to(table, row, word, packed):
 
 
 _TABLE, _ROW, _LONG = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C"), types.int64
-SPAN, ONE_BODY = types.NamedUniTuple(_LONG, 5, Span), types.NamedTuple((_TABLE, _TABLE, _TABLE, _ROW), OneBody)
+SPAN, ONE_BODY = types.NamedUniTuple(_LONG, 5, Span), types.NamedTuple((_TABLE, _TABLE, _TABLE, _ROW, _ROW), OneBody)
 
 
 @entry(
@@ -223,6 +223,7 @@ def advance_batch(span, until, tries, packed, tables, packed_scratch, contacts, 
             expand(n, p, first, closed, one.H, one.R)
             point_to(one.H, k, H_ADDRESS, packed)
             point_to(one.R, k, R_ADDRESS, packed)
+            point_to(one.depths, k, DEPTHS_ADDRESS, packed)
             if one.radii.shape[0] > 0:
                 point_to(one.S, context.start[b], S_ADDRESS, packed)
                 own = changing_context_of(packed)

@@ -1,5 +1,5 @@
 """Linear equations of an island: Jacobian of the residuals (`residual`), of each body with its plates, and of contacts between
-bodies; Gaussian elimination with row pivots. Contacts with curved surfaces and between bodies are added by `add_curved`
+bodies; Gaussian elimination with row pivots. Contacts with rough surfaces and between bodies are added by `add_general`
 (`contact` has the theory): responses along three axes give all coordinates.
 
 The entry in row i and column j is A[i step + j + offset]. Seven equations of one body are dense: step 7, offset 0. Those of
@@ -56,7 +56,7 @@ def assemble_body(a, m, coupled, motion, context, island, scratch):
         call_part(context.rough_part, STAGE.TANGENTS, a, m, motion, context, island, scratch)
     else:
         for q in range(m):
-            add_plane(plate_contact(q, b, dt, PLANE, context, space), context, J)
+            add_plane(plate_contact(q, dt, PLANE, context, space), context, J)
     call_part(context.spots_part, STAGE.TANGENTS, a, m, motion, context, island, scratch)
     per_arm, rate, (xx, yy, zz, xy, xz, yz) = 1.0 / Z[step_start.ARM], Z[step_start.NOW] / dt, inertia_of(b, context.E, poses)
     square, rows = Z[step_start.MASS_FRACTION] * rate * rate, ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
@@ -236,7 +236,7 @@ def response_to(s, c, turn, responses):
 
 
 @njit(**BARE)
-def add_curved(contact, J, step, offset):
+def add_general(contact, J, step, offset):
     """Add any contact to the Jacobian J (`jacobian`), coordinate by coordinate."""
     x, y, z = axis_of(0), axis_of(1), axis_of(2)
     surface = to_surface(x, contact), to_surface(y, contact), to_surface(z, contact)
