@@ -12,8 +12,8 @@ import numpy as np
 
 from thirdbody.engine.candidates import ClosedRows
 from thirdbody.engine.implicit import Implicit
-from thirdbody.engine.islands import BATCH
 from thirdbody.engine.state import State, table
+from thirdbody.engine.units import BATCH
 from thirdbody.jit.arguments import address
 from thirdbody.jit.threads import allowed_threads, distribute
 from thirdbody.kernels.implicit import driver

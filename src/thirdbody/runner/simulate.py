@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from thirdbody.atomic_files import write_whole
-from thirdbody.engine.units import EXPLICIT, report_compilation, start_compiling, warm_up
+from thirdbody.engine.units import BATCH, EXPLICIT, report_compilation, start_compiling, warm_up
 from thirdbody.errors import GuardStop, Interrupted, OutputError, ThirdbodyWarning, UsageError
 from thirdbody.export.paraview import write_paraview_files
 from thirdbody.jit.cache import paused
@@ -38,9 +38,6 @@ from thirdbody.version import __version__
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
-
-MANY = 512
-"""Bodies above which a run is most likely an ensemble (`engine.implicit_ensemble`)."""
 
 _preparing = threading.Lock()
 """Lock: one thread at a time compiles, since settings of compilation are process-wide (`engine.units`)."""
@@ -72,7 +69,7 @@ def likely_units(scene: Scene) -> tuple[str, ...]:
         return EXPLICIT
     if scene.contact.debris_contact == "auto" and any(hasattr(debris, "placement") for debris in scene.debris):
         return "driver", "pairs", "search", "books", "labels"
-    many = sum(getattr(debris, "count", None) or 1 for debris in scene.debris) > MANY
+    many = sum(getattr(debris, "count", None) or 1 for debris in scene.debris) > BATCH
     return ("driver", "ensemble", "search", "books", "labels") if many else ("driver", "search", "books", "labels")
 
 

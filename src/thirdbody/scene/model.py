@@ -31,7 +31,7 @@ from thirdbody.scene.motion import Constant as ConstantVelocity
 from thirdbody.scene.motion import Motion, Pause, Ramp, Stroke, Table
 from thirdbody.scene.output import Output
 from thirdbody.scene.settings import apply_settings
-from thirdbody.scene.tables import Contact, Domain, Effects, LowerPlate, Material, Measures, Pair, Plates, Solver, UpperPlate
+from thirdbody.scene.tables import Contact, Domain, Effects, LowerPlate, Material, Measures, PairTable, Plates, Solver, UpperPlate
 from thirdbody.schema.fields import Text, Whole, listing, plain
 from thirdbody.schema.parts import MISSING, Location, Part, Wrong, bundle, wrongs_of
 from thirdbody.schema.read import Source, read_text, read_toml
@@ -40,7 +40,7 @@ from thirdbody.schema.write import toml_text
 
 __all__ = [
     "Ball", "Constant", "ConstantVelocity", "Contact", "Debris", "Domain", "Effects", "File", "Irregular", "Lognormal",
-    "LowerPlate", "Material", "Measures", "Mesh", "Motion", "Normal", "Output", "Pair", "Pause", "Plates", "Ramp", "Scene",
+    "LowerPlate", "Material", "Measures", "Mesh", "Motion", "Normal", "Output", "PairTable", "Pause", "Plates", "Ramp", "Scene",
     "Solver", "Spheres", "Spot", "Spots", "Stroke", "Table", "Uniform", "UpperPlate",
 ]  # fmt: skip
 
@@ -48,7 +48,7 @@ VERSION = 1
 
 _TABLES: dict[str, type[Part]] = {
     "solver": Solver, "output": Output, "contact": Contact, "effects": Effects, "measures": Measures, "domain": Domain,
-    "pairs.0": Pair, "plates.upper": UpperPlate,
+    "pairs.0": PairTable, "plates.upper": UpperPlate,
 }  # fmt: skip
 """Tables whose keys are suggested with their full path when given without it."""
 
@@ -75,7 +75,7 @@ class Scene(Part):
     title: Text = ""
     """Title of the run in tables and pictures. Example: "a dense bed of steel debris"."""
     materials: dict[str, Material]
-    pairs: Annotated[tuple[Pair, ...], listing("a list of tables [[pairs]]")] = ()
+    pairs: Annotated[tuple[PairTable, ...], listing("a list of tables [[pairs]]")] = ()
     debris: Annotated[tuple[Debris, ...], listing("a list of tables [[debris]]")]
     domain: Domain
     plates: Plates = Plates()
@@ -247,7 +247,7 @@ class Scene(Part):
             names.append(name)
         return names
 
-    def pair(self, first: str, second: str) -> Pair:
+    def pair(self, first: str, second: str) -> PairTable:
         """Return the pair of two materials, in either order.
 
         Parameters
@@ -257,7 +257,7 @@ class Scene(Part):
 
         Returns
         -------
-        Pair
+        PairTable
 
         Raises
         ------

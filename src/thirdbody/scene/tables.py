@@ -60,7 +60,7 @@ class Material(Part):
         return self.young() / (2.0 * (1.0 + self.poisson_ratio))
 
 
-class Pair(Part):
+class PairTable(Part):
     """Contact parameters of two materials, or of one with itself; there is no mixing rule."""
 
     between: Annotated[tuple[Text, Text], listing("a list of 2 materials", 2)]
@@ -245,7 +245,7 @@ OBSOLETE = {
 class Solver(Part):
     """Integrator, time step and length of a run. Distance and duration count after settling.
 
-    The keys named in IMPLICIT_KEYS (`largest_step`: distance of the drag [m]) are documented in `engine.implicit`.
+    The keys named in IMPLICIT_KEYS (`largest_step`: distance of the drag [m]) are documented in `engine.accuracy`.
     """
 
     integrator: Literal["auto", "explicit", "implicit"] = "auto"

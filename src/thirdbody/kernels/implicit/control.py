@@ -54,7 +54,7 @@ def why_cut(landing, converged, error, rotation):
     return np.int64(StepLimit.ERROR if by_error else StepLimit.ROTATION)
 
 
-class Stop(IntEnum):
+class BodyStop(IntEnum):
     """Reasons why a body stopped (`step_memory.CODE`)."""
 
     NONE = 0  # it goes on
@@ -231,10 +231,10 @@ def close_step(context, b, motion, ended, space):
     T[step_memory.HARD_STEPS] += 1.0 if cuts > HARD else 0.0
     T[step_memory.LONGEST_DRAG] = max(T[step_memory.LONGEST_DRAG], A[run_totals.PLATE_SPEED] * motion.dt)
     bad, out = check_position(b, load(context.B, b, body.POSITION), 0.0, limits_of(D), np.int64(0), np.int64(0))
-    T[step_memory.CODE], T[step_memory.SLOT] = Stop.NONE.value, -1.0
+    T[step_memory.CODE], T[step_memory.SLOT] = BodyStop.NONE.value, -1.0
     if bad > 0:
-        T[step_memory.CODE] = Stop.BAD_BODY.value
+        T[step_memory.CODE] = BodyStop.BAD_BODY.value
     elif diagnostics[step_contacts.MAX_RATIO] > D[domain.OVERLAP_GUARD]:
-        T[step_memory.CODE], T[step_memory.SLOT] = Stop.OVERLAP.value, diagnostics[step_contacts.SLOT]
+        T[step_memory.CODE], T[step_memory.SLOT] = BodyStop.OVERLAP.value, diagnostics[step_contacts.SLOT]
     elif out > 0:
-        T[step_memory.CODE] = Stop.LEFT.value
+        T[step_memory.CODE] = BodyStop.LEFT.value

@@ -22,7 +22,7 @@ from thirdbody.kernels.arguments import OBSERVE_BODIES, Motion, as_observed
 from thirdbody.kernels.bodies import place_as_it_is
 from thirdbody.kernels.implicit import books, control, workspace
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
-from thirdbody.kernels.implicit.control import Stop
+from thirdbody.kernels.implicit.control import BodyStop
 from thirdbody.kernels.implicit.newton import NewtonOutcome, solve_island
 from thirdbody.kernels.implicit.residual import MAX_ROTATION, measure_arm, save_start
 from thirdbody.kernels.implicit.workspace import ADVANCE, KINDS, STAGE, ImplicitContext, body_at, call_part, context_of, space_at
@@ -144,7 +144,7 @@ def step(until, context, island, scratch):
         dt *= control.reduction_factor(converged, error, rotation)
         if outcome == NewtonOutcome.CROWDED or dt < V[step_settings.SHORTEST]:
             for a in range(island.n):
-                code = control.Stop.CROWDED if outcome == NewtonOutcome.CROWDED else control.Stop.UNSOLVED
+                code = control.BodyStop.CROWDED if outcome == NewtonOutcome.CROWDED else control.BodyStop.UNSOLVED
                 context.memory[body_at(a, island), step_memory.CODE] = np.int64(code)
                 reject_step(context, body_at(a, island), space_at(a, scratch))
             return
@@ -170,7 +170,7 @@ def advance_islands(first, last, until, tries, packed, tables, packed_scratch):
             measure_arm(context, body_at(a, island), space_at(a, scratch))
         while True:
             for a in range(island.n):
-                going = going and context.memory[body_at(a, island), step_memory.CODE] == control.Stop.NONE.value
+                going = going and context.memory[body_at(a, island), step_memory.CODE] == control.BodyStop.NONE.value
             going = going and context.totals[one, run_totals.TIME] < until and context.memory[one, step_memory.TRIES] < last_try
             if not going:
                 break
@@ -218,7 +218,7 @@ def advance_batch(span, until, tries, packed, tables, packed_scratch, contacts, 
         first, n, after = k - begin, context.plate_edges[b + 1] - k, p
         while after < n_closed and closed.on[after] < first + n:
             after += 1
-        waits = context.memory[b, step_memory.CODE] == Stop.NONE.value and context.totals[b, run_totals.TIME] < until
+        waits = context.memory[b, step_memory.CODE] == BodyStop.NONE.value and context.totals[b, run_totals.TIME] < until
         if span.low <= b < span.high and waits:
             expand(n, p, first, closed, one.H, one.R)
             point_to(one.H, k, H_ADDRESS, packed)

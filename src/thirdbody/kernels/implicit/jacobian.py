@@ -179,7 +179,7 @@ def axis_of(k):
 
 
 @njit(**BARE)
-def to_surface(s, contact):
+def surface_response(s, contact):
     """Return the response to a displacement s of the surface, in which the frame stays."""
     (n, e, g), (k_n, xx, xy, yx, yy, xd, yd) = contact.frame, contact.tangent
     d, s_1, s_2 = -dot(n, s), dot(e, s), dot(g, s)
@@ -191,7 +191,7 @@ def to_surface(s, contact):
 
 
 @njit(**BARE)
-def to_bend(c, contact):
+def bend_response(c, contact):
     """Return the response to a displacement c of the centre beyond that of the surface: normal and effective radius change."""
     (n, e, g), (k_n, xx, xy, yx, yy, xd, yd) = contact.frame, contact.tangent
     dn, bent = product(contact.bend, c), dot(contact.gradient, c)
@@ -211,7 +211,7 @@ def to_bend(c, contact):
 
 
 @njit(**BARE)
-def to_spin(contact):
+def spin_response(contact):
     """Return the response to a turn of a body about the normal, as it turns the frame."""
     (n, e, g), (_, xx, xy, yx, yy, _, _) = contact.frame, contact.tangent
     _, s_1, s_2 = contact.displacement
@@ -239,8 +239,8 @@ def response_to(s, c, turn, responses):
 def add_general(contact, J, step, offset):
     """Add any contact to the Jacobian J (`jacobian`), coordinate by coordinate."""
     x, y, z = axis_of(0), axis_of(1), axis_of(2)
-    surface = to_surface(x, contact), to_surface(y, contact), to_surface(z, contact)
-    responses = surface, (to_bend(x, contact), to_bend(y, contact), to_bend(z, contact)), to_spin(contact)
+    surface = surface_response(x, contact), surface_response(y, contact), surface_response(z, contact)
+    responses = surface, (bend_response(x, contact), bend_response(y, contact), bend_response(z, contact)), spin_response(contact)
     add_side(contact.owner, 1.0, responses, contact, J, step, offset)
     if contact.partner.row >= 0:
         add_side(contact.partner, -1.0, responses, contact, J, step, offset)

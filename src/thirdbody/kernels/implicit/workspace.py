@@ -58,7 +58,8 @@ ADDRESSES = (
 
 KINDS: Kinds = {
     **arguments.OBSERVED, **{name: arguments.KINDS[name] for name in SHARED},
-    # candidates with plates of each body, like `edges` and `incidence` of all; they come first of all, in the order of bodies
+    # candidates with plates of each body, like `edges` and `incidence` of all; they come first, in the order of bodies, so that
+    # `plate_edges` are numbers of candidates, too
     "plate_edges": _S1, "plate_incidence": _S1,
     # settings of the step control; totals and memory of each body
     "settings": _ROW, "totals": _TABLE, "memory": _TABLE,
