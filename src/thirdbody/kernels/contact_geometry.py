@@ -276,15 +276,20 @@ def force_and_torques(n, tile):
         write_vector(G, q + geometry.PARTNER_TORQUE * TILE, (a_j * x, a_j * y, a_j * z))
 
 
+@njit(**BARE)
+def gradient_force(k, energy, context):
+    """Return -(U/2) grad ln R_eff [N], on the centre of a sphere on a rough plate: Hertz' energy U = (8/15) E* R_eff^(1/2)
+    overlap^(5/2) changes along the plate as R_eff does, and not with rotation."""
+    x, y, z = plates.three(context.Q, k, surface_contact.GRADIENT)
+    return -0.5 * energy * x, -0.5 * energy * y, -0.5 * energy * z
+
+
 @njit(**BARE_CHUNK)
 def add_gradient_force(n, slots, context, tile):
-    """Add -(U/2) grad ln R_eff, on the centre of the sphere: Hertz' energy U = (8/15) E* R_eff^(1/2) overlap^(5/2) changes along
-    a rough plate as R_eff does, and not with rotation."""
-    G, Q = tile.geometry, context.Q
     for q in range(n):
-        size, k = -0.5 * tile.outputs[q + law_output.STORED_NORMAL * TILE], slots[q]
+        force = gradient_force(slots[q], tile.outputs[q + law_output.STORED_NORMAL * TILE], context)
         for d in range(3):
-            G[q + (geometry.FORCE + d) * TILE] += size * Q[k, surface_contact.GRADIENT + d]
+            tile.geometry[q + (geometry.FORCE + d) * TILE] += force[d]
 
 
 # -- overlaps of candidates, and the lists of active contacts and of those that opened; no branch on whether one touches --

@@ -12,13 +12,14 @@ from numba import njit, types
 from thirdbody.jit.arguments import PACKED
 from thirdbody.jit.options import BARE, NO_COUNTS, OPTIONS, entry
 from thirdbody.kernels.arguments import Motion
+from thirdbody.kernels.contact_geometry import gradient_force
 from thirdbody.kernels.implicit import control, workspace
 from thirdbody.kernels.implicit.accept_step import reject_step
 from thirdbody.kernels.implicit.contact import contact_force
 from thirdbody.kernels.implicit.driver import accept_island, assess_island
 from thirdbody.kernels.implicit.jacobian import assemble, factorise_jacobian, solve_correction
 from thirdbody.kernels.implicit.newton import NewtonOutcome, evaluate, solve_island
-from thirdbody.kernels.implicit.residual import gradient_force, measure_arm, save_start
+from thirdbody.kernels.implicit.residual import measure_arm, save_start
 from thirdbody.kernels.implicit.workspace import FREEDOMS, STAGE, body_at, call_part, space_at
 from thirdbody.kernels.plates import book_direct_contact, is_rough, is_upper
 from thirdbody.kernels.step_tables import body_solution, step_memory, step_start

@@ -17,13 +17,13 @@ from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels import plates
 from thirdbody.kernels.arguments import EFFECTS, LAW, Motion
 from thirdbody.kernels.bodies import BodyMotion, place_body, quaternion
-from thirdbody.kernels.contact_geometry import gather_plate_contact, padded, slip_increment, transport_frames
+from thirdbody.kernels.contact_geometry import gather_plate_contact, gradient_force, padded, slip_increment, transport_frames
 from thirdbody.kernels.implicit.contact import closed_fraction, contact_force, contact_moment, contact_point, depth_at, product
 from thirdbody.kernels.implicit.workspace import FREEDOMS, STAGE, body_at, call_part, last_candidate, space_at, update_rough
 from thirdbody.kernels.plates import is_upper
 from thirdbody.kernels.rolling_kinematics import gather_rolling, has_moments, has_twist
 from thirdbody.kernels.step_tables import step_contacts, step_memory, step_settings, step_start
-from thirdbody.kernels.tables import body, body_extra, domain, orientation, patch, run_totals, sphere, surface_contact
+from thirdbody.kernels.tables import body, body_extra, domain, orientation, patch, run_totals, sphere
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output, rolling_input
 from thirdbody.kernels.vectors import matrix, rotate
 
@@ -210,13 +210,6 @@ def add_force(f, point, upper, r):
     r[5] += x * f[1] - y * f[0]
     if upper:
         r[6] -= f[2]
-
-
-@njit(**BARE)
-def gradient_force(k, energy, context):
-    """Return the force (3,) [N] on the centre of a sphere on a rough plate (`contact_geometry.add_gradient_force`)."""
-    x, y, z = plates.three(context.Q, k, surface_contact.GRADIENT)
-    return -0.5 * energy * x, -0.5 * energy * y, -0.5 * energy * z
 
 
 @njit(**BARE)

@@ -26,8 +26,8 @@ ACCURACY = 1e-9  # change of a relieved strain over the largest that ends the sw
 def stiffness_of(q, context, space):
     """Return the stiffness of spot q [N/m], from Hertz' force and its relieved overlap."""
     G = space.geometry
-    depth = plates.overlap(space.slots[q], context) - G[q + geometry.RELIEF * TILE]
-    return 1.5 * G[q + geometry.SPOT_FORCE * TILE] / depth if depth > 0.0 else 0.0
+    relieved = plates.overlap(space.slots[q], context) - G[q + geometry.RELIEF * TILE]
+    return 1.5 * G[q + geometry.SPOT_FORCE * TILE] / relieved if relieved > 0.0 else 0.0
 
 
 @njit(**BARE)
