@@ -313,7 +313,7 @@ def overlap_and_normal(k, context, box):
 
 
 @njit(**BARE)
-def within_reach(i, j, S, box):
+def square_within_reach(i, j, S, box):
     """Return limit^2 - distance^2 of two spheres [m2]: > 0 if they are within reach."""
     d_x, d_y, d_z = S[i, sphere.X] - S[j, sphere.X], S[i, sphere.Y] - S[j, sphere.Y], S[i, sphere.Z] - S[j, sphere.Z]
     d_x, d_y = image(d_x, box.length_x, box.inverse_x), image(d_y, box.length_y, box.inverse_y)
@@ -322,8 +322,8 @@ def within_reach(i, j, S, box):
 
 
 @njit(**BARE_CHUNK)
-def pairs_within_reach(first, last, context, box, g):
-    """Write `within_reach` of candidates first to last into g, by fours without their overlaps: no root is needed."""
+def squares_within_reach(first, last, context, box, g):
+    """Write `square_within_reach` of candidates first to last into g, by fours without their overlaps: no root is needed."""
     own, partner, S = context.own, context.partner, context.S
     fours = first + (last - first) // LANES * LANES
     for k in range(first, fours, LANES):
@@ -335,7 +335,7 @@ def pairs_within_reach(first, last, context, box, g):
         z, reach = z_i - z_j, r_i + r_j + broadcast(box.reach)
         put(g, k - first, reach * reach - (x * x + y * y + z * z))
     for k in range(fours, last):
-        g[k - first] = within_reach(own[k], partner[k], S, box)
+        g[k - first] = square_within_reach(own[k], partner[k], S, box)
 
 
 @njit(**BARE_CHUNK)

@@ -18,7 +18,7 @@ from thirdbody.kernels import close_spots, contact_geometry, plates, rolling_kin
 from thirdbody.kernels.arguments import Tile
 from thirdbody.kernels.bodies import WITH_PLATE, arm_to_sphere, is_aliased
 from thirdbody.kernels.books import add_normal_losses, book, book_dashpots, book_opened, book_opened_dashpots, separation_rate
-from thirdbody.kernels.contact_geometry import SPARE, compact_active, compact_rough, pairs_within_reach
+from thirdbody.kernels.contact_geometry import SPARE, compact_active, compact_rough, squares_within_reach
 from thirdbody.kernels.measures import measure_contact, measure_opened
 from thirdbody.kernels.memory import reset_history, store_history
 from thirdbody.kernels.minima import update_surfaces
@@ -294,7 +294,7 @@ def contact_forces(group, side, part, context, step, law):
             for k in range(first, last):
                 gaps[k - first] = plates.overlap(k, context) + box.reach
         else:
-            pairs_within_reach(first, last, context, box, gaps)
+            squares_within_reach(first, last, context, box, gaps)
         m, o = compact_active(first, last, gaps, context.closed, slots, opened)
     sums[c, contact_sums.STORED_NORMAL] = sums[c, contact_sums.STORED_TANGENTIAL] = 0.0
     store(sums, c, contact_sums.UPPER_FORCE, broadcast(0.0))

@@ -18,7 +18,7 @@ from thirdbody.jit.simd import broadcast, load, set4, store
 from thirdbody.kernels import plates
 from thirdbody.kernels.arguments import KINDS, LAW
 from thirdbody.kernels.bodies import arm_to_sphere, vector
-from thirdbody.kernels.contact_geometry import overlap_and_normal, within_reach
+from thirdbody.kernels.contact_geometry import overlap_and_normal, square_within_reach
 from thirdbody.kernels.explicit import stiffness_matrix
 from thirdbody.kernels.plates import is_sphere, is_upper, max_stiffness, patch_of_partner
 from thirdbody.kernels.step_tables import contact_stiffness
@@ -190,7 +190,7 @@ def find_stiffnesses(first, last, context, horizon, stiffness, scratch, tables):
         m += np.int64(not plates.is_rough(context) or context.Q[k, surface_contact.DISTANCE] < np.inf)
     for k in range(max(first, context.n_plates), last):  # those within reach
         near[m], row_of[k] = k, -1
-        m += np.int64(within_reach(own[k], partner[k], S, box) > 0.0)
+        m += np.int64(square_within_reach(own[k], partner[k], S, box) > 0.0)
     find_contacts(m, np.int64(first), context, horizon, stiffness_at(stiffness), scratch, tables)
 
 
