@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -119,7 +120,14 @@ def sweep(
     >>> [point.status for point in sweep.points]
     ['done', 'done', 'done']
     """
-    from thirdbody.studies.sweep import run_sweep
+    from thirdbody.runner.simulate import check_call
+    from thirdbody.studies.runner import execute_sweep, reporting
+    from thirdbody.studies.sweep import execution_of_python, plan_of_python
+    from thirdbody.system.signals import stop_on_ctrl_c
 
-    folder = None if out is None else Path(out)
-    return Sweep(run_sweep(scene, vary, folder, executor, resume, progress, plugins, options))
+    check_call(plugins, progress)
+    execution = execution_of_python(executor, options.pop("workers", None), resume)
+    plan, folder = plan_of_python(scene, vary, None if out is None else Path(out), plugins, options)
+    with reporting(progress, plan.title) as report, stop_on_ctrl_c() as stop:
+        execute_sweep(plan, folder, replace(execution, report=report, stop=stop))
+    return Sweep(folder)

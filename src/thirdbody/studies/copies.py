@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from thirdbody import units
 from thirdbody.assembly.simulation import Simulation
-from thirdbody.atomic_files import write_whole
 from thirdbody.errors import GuardStop, InputError, UsageError
 from thirdbody.jit.cache import cache_folder
 from thirdbody.scene.model import Scene
-from thirdbody.studies.point import code_version, point_name
 from thirdbody.studies.timing import rate
 from thirdbody.studies.variants import Base, springs_option
 
@@ -70,7 +66,8 @@ class StudySource(NamedTuple):
         return scene.with_settings(self.settings) if self.settings else scene
 
 
-class Copy(NamedTuple):
+@dataclass(frozen=True)
+class Copy:
     """A copy of a scene: its TOML with absolute paths, the settings of the scene itself, what was reduced.
 
     `other`: expected time with the other integrator over that with its own.
@@ -81,34 +78,10 @@ class Copy(NamedTuple):
     reduction: list[str]
     other: float
 
-    def document(self) -> dict[str, Any]:
-        """Return it as plain values."""
-        return self._asdict() | {"base": vars(self.base)}
-
     @classmethod
     def of(cls, document: Mapping[str, Any]) -> Copy:
-        """Return the copy of a `document`."""
+        """Return the copy of a document, which `dataclasses.asdict` gives."""
         return cls(**{**document, "base": Base(**document["base"])})
-
-
-class CopyMemory:
-    """The copy that a study of a scene had, in the folder of compiled code, so that a second study computes the same one."""
-
-    def __init__(self, scene: Scene, plugins: Sequence[str | Path], budget: float) -> None:
-        version = code_version(tuple(Path(file).absolute() for file in plugins))
-        self.name = point_name(scene.to_toml(), scene.document(), scene, version)
-        self.path = cache_folder() / f"cost-{self.name}-{budget:g}.json"
-
-    def read(self) -> Copy | None:
-        """Return the copy of an earlier study, None without one."""
-        with suppress(OSError, ValueError, TypeError, KeyError):
-            return Copy.of(json.loads(self.path.read_bytes()))
-        return None
-
-    def write(self, copy: Copy) -> None:
-        """Store a copy, if that is possible."""
-        with suppress(OSError):
-            write_whole(self.path, json.dumps(copy.document()).encode())
 
 
 def make_copy(source: StudySource, target: float, few: bool, _stop: Callable[[], bool] = lambda: False) -> Copy:
@@ -149,19 +122,18 @@ def make_copy(source: StudySource, target: float, few: bool, _stop: Callable[[],
         budget, each, needed = (units.duration(x) for x in (target * RUNS_OF_COPY, seconds, seconds * ENOUGH_RUNS))
         raise UsageError(f"--budget {budget}: one run of the smallest copy of this scene takes {each}; {needed} suffice")
     base = base_of(copy, built, source.plugins)
-    if few:
-        changes = coarsened(copy, built)
-        copy = copy.with_settings(changes) if changes else copy
+    by_length = copy.output.every_kind == "distance"
+    span, unit = (built.planned_distance, "length") if by_length else (built.scene_time(built.planned_time), "time")
+    if few and 1.2 * copy.output.every < (every := _round(span / FRAMES)) <= span:  # frames take as long for every variant
+        copy = copy.with_settings({"output.every": units.format_si(every, unit)})
     words = reductions(scene, bodies if many else first.state.n_bodies, first.settle, copy, built)
     if base.kind == "explicit" and isinstance(copy.solver.time_step, str):
         if seconds <= limit:
             base = replace(base, step=min(base.step, float(trial.integrator.summary()["time_step_limit"]["smallest"])))
         words.append(f"the time step held at {units.pretty(base.step, 'time')}, the smallest that `auto` takes")
-    bed = built.plan.kind == "explicit" and is_bed(built) and scene.plates.moving()
-    base = replace(base, sheared_bed=bed, meets=bool(built.state.world.debris_meets))
-    other = UNKNOWN
-    if (steps := built.plan.steps) is not None:
-        other = steps.gain if built.plan.kind == "implicit" else 1.0 / steps.gain
+    base = replace(base, sheared_bed=base.kind == "explicit" and is_bed(built) and scene.plates.moving())
+    steps = built.plan.steps
+    other = UNKNOWN if steps is None else steps.gain if base.kind == "implicit" else 1.0 / steps.gain
     return Copy(portable(copy).to_toml(), base, words, other)
 
 
@@ -228,7 +200,7 @@ def thin(scene: Scene, bodies: int, fraction: float, fewest: int = FEWEST) -> di
     dashpot shrink with the domain, which gets smaller such that the bodies stay as close as they are. The fraction is a power of
     two: a second study, which measures other times, mostly computes the same copy.
     """
-    upper = scene.plates.upper
+    upper, carried = scene.plates.upper, dict[str, str]()
     drawn = all(getattr(debris, "count", None) and getattr(debris, "placement", "") for debris in scene.debris)
     if fraction >= 1.0 or bodies <= fewest or not drawn:
         return {}
@@ -236,8 +208,6 @@ def thin(scene: Scene, bodies: int, fraction: float, fewest: int = FEWEST) -> di
         if upper.loading is not None and upper.pressure is None:
             return {}
         carried = {"load": "force"} | ({"mass": "mass", "damping": "damping"} if upper.support == "rigid" else {})
-    else:
-        carried = {}
     retained = max(fewest / bodies, _power_of_two(fraction))
     while retained < 1.0:
         counts = [max(1, round(retained * getattr(debris, "count", 1))) for debris in scene.debris]
@@ -277,8 +247,7 @@ def shorten(built: Simulation, fraction: float) -> dict[str, Any]:
         calm = max(SHORTEST_SETTLING, _power_of_two(fraction / (settled + shortest * (1.0 - settled))))
     fraction = min(1.0, max(fits, SHORTEST, BESIDE * calm * settled / (1.0 - settled)))
     key, kind = ("distance", "length") if solver.distance is not None else ("duration", "time")
-    whole = solver.distance if solver.distance is not None else solver.duration
-    assert whole is not None
+    whole = float(getattr(solver, key))
     left = _round(fraction * whole)
     changes: dict[str, Any] = {f"solver.{key}": units.format_si(left, kind)} if left < whole else {}
     if calm < 1.0:
@@ -288,19 +257,6 @@ def shorten(built: Simulation, fraction: float) -> dict[str, Any]:
     if every < output.every:
         changes["output.every"] = units.format_si(every, "length" if output.every_kind == "distance" else "time")
     return changes
-
-
-def coarsened(scene: Scene, built: Simulation) -> dict[str, Any]:
-    """Return the change to an output interval that leaves `FRAMES` frames, where there are more.
-
-    Writing them takes as long for every variant.
-    """
-    by_length = scene.output.every_kind == "distance"
-    span, unit = (built.planned_distance, "length") if by_length else (built.scene_time(built.planned_time), "time")
-    every = _round(span / FRAMES)
-    if every <= 1.2 * scene.output.every or every > span:
-        return {}
-    return {"output.every": units.format_si(every, unit)}
 
 
 def _round(value: float) -> float:
@@ -323,7 +279,8 @@ def base_of(scene: Scene, built: Simulation, plugins: Sequence[str | Path]) -> B
             other = {"solver.integrator": "explicit", **{f"solver.{key}": None for key in IMPLICIT_KEYS}}
             step = prepare(scene.with_settings(other), plugins, force=True).state.dt
     tolerance = scene.solver.tolerance or Accuracy().tolerance
-    return Base(built.plan.kind, built.choice.level, springs, step, tolerance)
+    meets = bool(built.state.world.debris_meets)
+    return Base(built.plan.kind, built.choice.level, springs, step, tolerance, meets=meets)
 
 
 def units_are_compiled(units: Sequence[str]) -> bool:
@@ -336,14 +293,12 @@ def units_are_compiled(units: Sequence[str]) -> bool:
 def portable(scene: Scene) -> Scene:
     """Return the scene with absolute paths of the files that it names, which can be saved in any folder."""
 
-    def absolute(file: str | list[str]) -> str | list[str]:
-        return [str(scene.beside(name).absolute()) for name in file] if isinstance(file, list) else absolute([file])[0]
-
-    changes: dict[str, Any] = {
-        f"debris.{k}.{key}": absolute(getattr(debris, key)) for k, debris in enumerate(scene.debris) for key in debris.file_keys
-    }
+    files = {f"debris.{k}.{key}": getattr(debris, key) for k, debris in enumerate(scene.debris) for key in debris.file_keys}
     for side in ("lower", "upper"):
-        file = getattr(getattr(getattr(scene.plates, side), "surface", None), "file", None)
-        if file is not None:
-            changes[f"plates.{side}.surface.file"] = absolute(file)
+        files[f"plates.{side}.surface.file"] = getattr(getattr(getattr(scene.plates, side), "surface", None), "file", None)
+    changes = {}
+    for key, file in files.items():
+        names = [str(scene.beside(name).absolute()) for name in ([file] if isinstance(file, str) else file or ())]
+        if names:
+            changes[key] = names[0] if isinstance(file, str) else names
     return scene.with_settings(changes) if changes else scene

@@ -27,8 +27,8 @@ ERRORS = ("friction_error", "load_error", "position_error", "rotation_error", "l
 class Row:
     """Result of one variant.
 
-    `wall`, `cpu`: seconds of its repeats; `outcome`: None for a variant without result; `folder`: the folder of its run;
-    `beside`: seconds of the scene's own variant, timed alternately with it.
+    `wall`, `cpu`: seconds of its repeats; `outcome`: None for a variant without result; `beside`: seconds of the scene's own
+    variant, timed alternately with it.
     """
 
     variant: Variant
@@ -40,7 +40,6 @@ class Row:
     step: float | None = None
     outcome: Outcome | None = None
     errors: dict[str, float] = field(default_factory=dict)
-    folder: str = ""
     beside: list[float] = field(default_factory=list)
 
     @property

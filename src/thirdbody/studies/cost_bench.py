@@ -9,7 +9,7 @@ from concurrent.futures import CancelledError, Future
 from typing import Any
 
 from thirdbody.scene.model import Scene
-from thirdbody.studies.copies import RUNS_OF_COPY, StudySource, units_are_compiled
+from thirdbody.studies.copies import StudySource, units_are_compiled
 from thirdbody.studies.point import Point
 from thirdbody.studies.timing import bare, rate
 from thirdbody.studies.variants import SPRINGS, Code, code_of, laws_of, springs_option
@@ -46,11 +46,6 @@ class Bench:
     def pace(self) -> float:
         """Wall seconds per second of a core: 1 on an idle machine, more on a shared one."""
         return max(1.0, self.wall / self.cpu) if self.cpu > 0.1 else 1.0
-
-    @property
-    def target(self) -> float:
-        """Time of one run of the copy with the scene's own settings on one core [s]."""
-        return self.budget / RUNS_OF_COPY
 
     @property
     def end(self) -> float:

@@ -18,7 +18,7 @@ from pathlib import Path
 from thirdbody.errors import InputError, ThirdbodyError
 from thirdbody.scene.model import Scene
 from thirdbody.studies.compare import read_outcome
-from thirdbody.studies.copies import Copy, StudySource, units_are_compiled
+from thirdbody.studies.copies import RUNS_OF_COPY, Copy, StudySource, units_are_compiled
 from thirdbody.studies.cost import Row
 from thirdbody.studies.cost_bench import BATCH, ENOUGH, Bench, Overdue, compile_law, compile_point, rate_point, time_point
 from thirdbody.studies.cost_report import LEFT_OUT
@@ -65,30 +65,28 @@ class VariantRuns:
     def __init__(self, bench: Bench, copy: Copy, source: StudySource, log: Callable[[str], None]) -> None:
         from thirdbody.laws.registry import discover
 
-        self.bench, self.copy, self.base, self.log = bench, copy, copy.base, log
+        self.bench, self.copy, self.source, self.log = bench, copy, source, log
         files = tuple(Path(file).absolute() for file in source.plugins)
         scene = Scene.parse(copy.scene, "scene.toml", Path(), files)
-        self.variants = variants_of(scene, discover(files).families[scene.contact.law], copy.base)
         self.rows, self.points = list[Row](), dict[Row, Point]()
-        for number, v in enumerate(self.variants, 1):
-            name = f"{number:02d}_{''.join(c if c.isalnum() else '_' for c in v.name).replace('__', '_')}"
-            row = Row(v, message=LEFT_OUT, integrator=v.integrator, step=v.step(copy.base), folder=name)
+        for number, v in enumerate(variants_of(scene, discover(files).families[scene.contact.law], copy.base), 1):
+            row = Row(v, message=LEFT_OUT, integrator=v.integrator, step=v.step(copy.base))
             self.rows.append(row)
             try:
                 text = scene.with_settings(v.changes).to_toml()
             except InputError as error:  # a law that this scene cannot have
                 row.message = str(error)
                 continue
+            name = f"{number:02d}_{''.join(c if c.isalnum() else '_' for c in v.name).replace('__', '_')}"
             folder = source.folder.absolute() / RUNS / name
             self.points[row] = Point(len(self.points), folder, text, Path(), MEASURED, files, nudge=v.nudge)
         valid = [row.variant for row in self.points]
-        columns = (AxisColumn("variant", "1", tuple(v.name for v in valid), 0),
-                   AxisColumn("axis", "1", tuple(v.axis for v in valid), 0))  # fmt: skip
-        settings = tuple(dict(v.changes) for v in valid)
-        plan = Plan(scene.title, copy.scene, "variants", (), columns, tuple(self.points.values()), settings)
-        self.table, self.source = Table(plan, source.folder), source
-        self.own = next(row for row in self.rows if row.variant.default)
-        self.costs = Costs(copy.base, bench.target, self.variants[-1].law, copy.other * bench.target, {})
+        columns = [AxisColumn("variant", "1", tuple(v.name for v in valid), 0),
+                   AxisColumn("axis", "1", tuple(v.axis for v in valid), 0)]  # fmt: skip
+        settings, target = tuple(dict(v.changes) for v in valid), bench.budget / RUNS_OF_COPY
+        plan = Plan(scene.title, copy.scene, "variants", (), tuple(columns), tuple(self.points.values()), settings)
+        self.table, self.own = Table(plan, source.folder), next(row for row in self.rows if row.variant.default)
+        self.costs = Costs(copy.base, target, self.rows[-1].variant.law, copy.other * target, {})
         self.beside, self.timed = [1.0], [0.3]
         self.again: dict[Row, list[tuple[float, float, float]]] = {row: [] for row in self.rows}
 
@@ -154,7 +152,7 @@ class VariantRuns:
         from thirdbody.engine.units import EXPLICIT
 
         own, units = self.own.variant, {"explicit": EXPLICIT, "implicit": ("driver", "pairs", "books")}
-        last = {kind for kind in units if kind != self.base.kind and not units_are_compiled(units[kind])}
+        last = {kind for kind in units if kind != own.integrator and not units_are_compiled(units[kind])}
         rows = sorted(self.points, key=lambda row: (row.variant.integrator in last, max(self._rank(row), 2), self.price(row)))
         for v, point in ((row.variant, self.points[row]) for row in rows if row.variant.code != own.code):
             if v.integrator != own.integrator:
@@ -239,7 +237,7 @@ class VariantRuns:
             return 0
         if variant.reference:
             return 1
-        few = variant.axis == "law" and (variant is self.variants[0] or variant.springs == SPRINGS[0])
+        few = variant.axis == "law" and (variant is self.rows[0].variant or variant.springs == SPRINGS[0])
         return 2 if few or variant.nudge == 1 else 3
 
     def _needed(self, waiting: Sequence[Row]) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,17 +22,11 @@ from thirdbody.trajectory.run_file import RunFile
 
 
 @dataclass(frozen=True)
-class SweepPoint:
-    """One point: `values` of the axes by key (SI), `status`, `reason`, `exit_code`, `seconds`, `results` by name, `folder`."""
+class SweepPoint(PointResult):
+    """One point: its result, its `folder`, and the `values` of the axes by key (SI)."""
 
-    number: int
-    folder: Path
-    values: dict[str, float | str]
-    status: str = WAITING
-    reason: str = ""
-    exit_code: int | None = None
-    seconds: float = 0.0
-    results: dict[str, float] = field(default_factory=dict)
+    folder: Path = Path()
+    values: Mapping[str, float | str] = field(default_factory=dict)
     opened: Callable[[Path], Any] = field(default=RunFile, repr=False)
 
     @property
@@ -67,8 +61,7 @@ class SweepTable:
     def _point(self, number: int, folder: Path) -> SweepPoint:
         values = {column.key: column.values[number] for column in self.columns}
         saved = read_result(Point(number, folder, "", self.path, tuple(self.results))) or PointResult(number, WAITING)
-        outcome = saved.status, saved.reason, saved.exit_code, saved.seconds, dict(saved.results)
-        return SweepPoint(number, folder, values, *outcome, type(self).opened)
+        return SweepPoint(**vars(saved), folder=folder, values=values, opened=type(self).opened)
 
     def __len__(self) -> int:
         return len(self.points)
@@ -131,23 +124,19 @@ class SweepTable:
             xarray is not installed; it is needed here only.
         """
         xarray = optional("xarray", "to_xarray()")
-        dimensions, shape = ["point"], [len(self.points)]
-        if self.design == "grid":
-            names: dict[int, str] = {}
-            for column in self.columns:
-                names.setdefault(column.axis, column.key)
-            dimensions, shape = list(names.values()), self.lengths
+        dimensions, shape, grid = ["point"], [len(self.points)], self.design == "grid"
+        if grid:
+            dimensions = list({column.axis: column.key for column in reversed(self.columns)}.values())[::-1]
+            shape = self.lengths
         data = {
             name: (dimensions, np.array(self.column(name)).reshape(shape), {"units": unit}) for name, unit in self.results.items()
         }
         status = np.array([point.status for point in self.points]).reshape(shape)
         coordinates: dict[str, Any] = {}
         for column in self.columns:
-            own = dimensions[column.axis] if self.design == "grid" else "point"
-            values = np.array(column.values).reshape(shape)
-            if self.design == "grid":
-                values = np.moveaxis(values, column.axis, 0).reshape(shape[column.axis], -1)[:, 0]
-            coordinates[column.key] = (own, values, {"units": column.unit})
+            axis = column.axis if grid else 0
+            values = np.moveaxis(np.array(column.values).reshape(shape), axis, 0).reshape(shape[axis], -1)[:, 0]
+            coordinates[column.key] = (dimensions[axis], values, {"units": column.unit})
         return xarray.Dataset(data | {"status": (dimensions, status)}, coordinates, {"title": self.title})
 
 
@@ -178,27 +167,17 @@ def average(sweep: SweepTable, x: str, y: str | None) -> Average:
         if point.status == DONE:
             position = float(point.values[x]), 0.0 if y is None else float(point.values[y])
             groups.setdefault(position, []).append(point.number)
-    columns = {name: np.array(sweep.column(name), float) for name in sweep.results}
-    values: dict[str, list[float]] = {name: [] for name in columns}
-    errors: dict[str, list[float]] = {name: [] for name in columns}
-    for rows in groups.values():
-        for name, column in columns.items():
-            mean, error = _mean(column[rows])
-            if len(rows) == 1 and name == "friction_coefficient" and "friction_coefficient_error" in columns:
-                error = float(np.nan_to_num(columns["friction_coefficient_error"][rows[0]]))
-            values[name].append(mean)
-            errors[name].append(error)
+    values, errors, of_friction = {}, {}, np.nan_to_num(sweep.column("friction_coefficient_error"))
+    for name in sweep.results:
+        column = np.array(sweep.column(name), float)
+        known = [column[rows][np.isfinite(column[rows])] for rows in groups.values()]
+        values[name] = np.array([part.mean() if len(part) else math.nan for part in known])
+        errors[name] = np.array([part.std(ddof=1) / math.sqrt(len(part)) if len(part) > 1 else 0.0 for part in known])
+        if name == "friction_coefficient":
+            errors[name] = np.array([of_friction[rows[0]] if len(rows) == 1 else error
+                                     for rows, error in zip(groups.values(), errors[name], strict=True)])  # fmt: skip
     positions = np.array(list(groups), float).reshape(-1, 2)
     size = max(map(len, groups.values()), default=0)
     drawn = {column.axis for column in sweep.columns if column.key in (x, y)}  # keys that move with them are not averaged
     averaged = tuple(column.key for column in sweep.columns if column.axis not in drawn and len(set(column.values)) > 1)
-    return Average(x, y, positions[:, 0], positions[:, 1], {name: np.array(column) for name, column in values.items()},
-                   {name: np.array(column) for name, column in errors.items()}, size, averaged)  # fmt: skip
-
-
-def _mean(values: np.ndarray) -> tuple[float, float]:
-    known = values[np.isfinite(values)]
-    if not len(known):
-        return math.nan, 0.0
-    error = float(known.std(ddof=1)) / math.sqrt(len(known)) if len(known) > 1 else 0.0
-    return float(known.mean()), error
+    return Average(x, y, positions[:, 0], positions[:, 1], values, errors, size, averaged)

@@ -75,6 +75,12 @@ class LocalWorkers(Executor):
         for worker in self._workers:
             worker.close()
 
+    def __exit__(self, kind: Any, *_: Any) -> None:
+        if kind is None:
+            self.shutdown()
+        else:
+            self.kill()
+
     def _call(self, function: Callable[..., Any], arguments: tuple[Any, ...], options: dict[str, Any]) -> Any:
         """Return the answer of a process that is idle. Raises WorkerDied, or what the function raised."""
         worker, request = self._idle.get(), pickle.dumps((function, arguments, options))
