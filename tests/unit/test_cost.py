@@ -11,7 +11,7 @@ from thirdbody_three_spot import THREE_SPOT
 
 from thirdbody.scene.model import Scene
 from thirdbody.studies import cost, cost_report
-from thirdbody.studies.compare import Outcome, errors, label_difference, order, rms_error
+from thirdbody.studies.cost import Outcome, errors, label_difference, order, rms_error
 from thirdbody.studies.cost_report import reference_error
 from thirdbody.studies.variants import CURVES, Base, Costs, Variant, variants_of
 

@@ -19,12 +19,23 @@ from thirdbody.plot.figures import save
 from thirdbody.runner.simulate import prepare
 from thirdbody.scene.model import Scene
 from thirdbody.studies import cost, cost_plot, cost_runs
-from thirdbody.studies.compare import read_outcome
-from thirdbody.studies.copies import FEWEST, FEWEST_THAT_MEET, Copy, StudySource, make_copy, reduce_scene, reductions, thin
-from thirdbody.studies.cost_bench import Bench, Overdue, compile_law, rate_point, time_point
+from thirdbody.studies.copies import (
+    FEWEST,
+    FEWEST_THAT_MEET,
+    Copy,
+    StudySource,
+    compile_law,
+    make_copy,
+    rate_point,
+    reduce_scene,
+    reductions,
+    thin,
+    time_point,
+)
+from thirdbody.studies.cost import read_outcome
 from thirdbody.studies.cost_command import StudyOptions, cost_command, study
 from thirdbody.studies.cost_report import LEFT_OUT, as_json, convergence, falling
-from thirdbody.studies.cost_runs import VariantRuns, repeats_of
+from thirdbody.studies.cost_runs import Bench, Overdue, VariantRuns, repeats_of
 from thirdbody.studies.point import DONE, INTERRUPTED, Point, PointResult, run_point
 from thirdbody.studies.timing import NUDGE, Late, bare, nudge, slower, timing
 from thirdbody.studies.variants import Costs

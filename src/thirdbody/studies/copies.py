@@ -1,8 +1,9 @@
-"""Smaller copies of a scene, so that all variants of it are computed in a given time; the reductions are reported."""
+"""What the workers of a study of cost do: make a smaller copy of a scene, compile, time; the reductions are reported."""
 
 from __future__ import annotations
 
 import math
+import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,7 +15,8 @@ from thirdbody.assembly.simulation import Simulation
 from thirdbody.errors import GuardStop, InputError, UsageError
 from thirdbody.jit.cache import cache_folder
 from thirdbody.scene.model import Scene
-from thirdbody.studies.timing import rate
+from thirdbody.studies.point import Point
+from thirdbody.studies.timing import bare, rate
 from thirdbody.studies.variants import Base, springs_option
 
 FEWEST, FEWEST_THAT_MEET = 16, 50
@@ -50,6 +52,12 @@ RUNS_OF_COPY, FEW_RUNS, ENOUGH_RUNS = 400.0, 4.0, 40.0
 """Budget over the time of one run of the copy with the scene's own settings: some 20 variants, of which the reference takes as
 long as a hundred of these runs, and their timings; where the smallest copy takes longer, below which a study is refused; for the
 cheap variants, the finest law and the steps."""
+
+BATCH, ENOUGH = 3, 0.05
+"""Largest number of runs in the batch of a timing, and its duration [s]; the result is the median.
+
+The first runs find the processor's caches cold, which is not part of their cost.
+"""
 
 
 class StudySource(NamedTuple):
@@ -302,3 +310,40 @@ def portable(scene: Scene) -> Scene:
         if names:
             changes[key] = names[0] if isinstance(file, str) else names
     return scene.with_settings(changes) if changes else scene
+
+
+def time_point(point: Point, limit: float, stop: Callable[[], bool] = lambda: False) -> tuple[float, float]:
+    """Return the seconds (wall, processor) of integrating a variant: medians of a batch. Raises GuardStop and Late."""
+    from thirdbody.runner.simulate import prepare, set_threads
+
+    set_threads(1)
+    times: list[tuple[float, float]] = []
+    while len(times) < BATCH and (not times or sum(cpu for _, cpu in times) < ENOUGH) and not stop():
+        times.append(bare(prepare(point.parsed(), point.plugins), limit))
+    wall, cpu = (statistics.median(column) for column in zip(*times, strict=True))
+    return wall, cpu
+
+
+def compile_law(source: StudySource, changes: dict[str, Any], kind: str, _stop: Callable[[], bool] = lambda: False) -> None:
+    """Compile the laws of a scene with these changes into the cache."""
+    from thirdbody.assembly.physics import compile_physics
+    from thirdbody.laws.registry import discover
+
+    physics = compile_physics(source.read().with_settings(changes), discover(tuple(source.plugins))).physics
+    if kind == "implicit":
+        _ = physics.tangents  # compiled where it is named first
+
+
+def compile_point(point: Point, _stop: Callable[[], bool] = lambda: False) -> None:
+    """Compile all that a variant needs into the cache."""
+    from thirdbody.runner.simulate import prepare
+
+    prepare(point.parsed(), point.plugins)
+
+
+def rate_point(point: Point, limit: float, _stop: Callable[[], bool] = lambda: False) -> float:
+    """Return the expected seconds of integrating a variant on one core, from a trial of at most `limit` seconds."""
+    from thirdbody.runner.simulate import prepare, set_threads
+
+    set_threads(1)
+    return rate(prepare(point.parsed(), point.plugins), limit)

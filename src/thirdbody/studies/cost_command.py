@@ -18,9 +18,8 @@ from thirdbody.runner.run_folder import lock_folder
 from thirdbody.scene.model import Scene
 from thirdbody.studies.copies import RUNS_OF_COPY, Copy, StudySource, make_copy
 from thirdbody.studies.cost import Study, compute_errors
-from thirdbody.studies.cost_bench import Bench, Overdue
 from thirdbody.studies.cost_report import as_json, print_study
-from thirdbody.studies.cost_runs import VariantRuns
+from thirdbody.studies.cost_runs import Bench, Overdue, VariantRuns
 from thirdbody.studies.folder import TABLE, new_study_folder, read_document, save_plan
 from thirdbody.studies.point import INTERRUPTED, code_version, point_name, read_result
 from thirdbody.units import duration

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import textwrap
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
-from thirdbody.palette import LINE_COLORS
+from thirdbody.palette import INK, LINE_COLORS, SOFT_INK
 from thirdbody.studies.cost import Row, Study, efficient, figure_of_merit, percent, recommended
 from thirdbody.studies.cost_report import reference_error, scatter_words, speed_words, stopped
 from thirdbody.studies.timing import described
@@ -22,7 +23,6 @@ AXES = {  # axis of the study: label, colour, marker; shapes distinguish them wi
     "fine": ("step with the finest law", LINE_COLORS["purple"], "^"),
     "meeting": ("bodies that do not meet", LINE_COLORS["black"], "X"),
 }
-INK, SOFT = "#222222", "#5A626C"
 NOTHING = 1e-12
 """Smaller errors are drawn at this value: a variant with identical bits has none."""
 
@@ -38,17 +38,15 @@ def picture_of_study(built: Study) -> Figure:
     axes.set_yscale("log")
     axes.grid(True, which="major", alpha=0.25, linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)
-    heights = _heights(built, merit)
-    rows = [row for row, _ in heights]
-    points = {row: (row.seconds, height) for row, height in heights}
-    _points(axes, [row for row in rows if row is not built.reference], points)
+    points = _points(built, merit)
+    _draw_points(axes, [row for row in points if row is not built.reference], points)
     front = [row for row in efficient(built) if row in points]
     # steps: between two variants more time gains nothing until it suffices for the next one
     axes.plot(*zip(*(points[row] for row in front), strict=True), color=INK, linewidth=1.2, linestyle="--",
               drawstyle="steps-post", zorder=2, label="efficient front, to the reference")  # fmt: skip
     ringed = _marks(axes, built, points, merit)
     axes.margins(x=0.15, y=0.08)  # room for names
-    _names(axes, rows, points, front, ringed)
+    _names(axes, points, front, ringed)
     what = {"friction_error": "friction curve", "mean_friction_error": "mean friction", "load_error": "load or gap"}[merit]
     how = "relative" if merit == "mean_friction_error" else "rms over the mean"
     axes.set_xlabel("seconds of one core for the integration (bar: how far the median may be off; bars that overlap are ties)",
@@ -59,18 +57,18 @@ def picture_of_study(built: Study) -> Figure:
     return figure
 
 
-def _heights(built: Study, merit: str) -> list[tuple[Row, float]]:
-    """Return the variants shown and their errors.
+def _points(built: Study, merit: str) -> dict[Row, tuple[float, float]]:
+    """Return seconds and error of the variants shown.
 
     The reference is drawn at its estimated error, never above the end of the front, or below all others.
     """
     rows = [row for row in built.rows if row.stable and row.variant.axis in AXES and row is not built.reference]
-    shown = [(row, max(row.errors[merit], NOTHING)) for row in rows if math.isfinite(row.errors[merit])]
-    own, minimum = reference_error(built), min((height for _, height in shown if height > NOTHING), default=1.0)
-    return [*shown, (built.reference, minimum / 3.0 if math.isnan(own) else min(own, minimum))]
+    shown = {row: (row.seconds, max(row.errors[merit], NOTHING)) for row in rows if math.isfinite(row.errors[merit])}
+    own, minimum = reference_error(built), min((height for _, height in shown.values() if height > NOTHING), default=1.0)
+    return shown | {built.reference: (built.reference.seconds, minimum / 3.0 if math.isnan(own) else min(own, minimum))}
 
 
-def _points(axes: Any, rows: list[Row], points: dict[Row, tuple[float, float]]) -> None:
+def _draw_points(axes: Any, rows: list[Row], points: dict[Row, tuple[float, float]]) -> None:
     for axis, (label, color, marker) in AXES.items():
         here = [row for row in rows if row.variant.axis == axis]
         if not here:
@@ -100,7 +98,7 @@ def _marks(axes: Any, built: Study, points: dict[Row, tuple[float, float]], meri
     apart, lowest = built.scatter.get(merit, 0.0), min(y for _, y in points.values())
     if apart > 0.1 * lowest:  # far below all errors words suffice
         label = "runs from starts 1e-9 apart differ by this"
-        axes.axhspan(0.0, apart, color=SOFT, alpha=0.15, linewidth=0.0, zorder=0, label=label)
+        axes.axhspan(0.0, apart, color=SOFT_INK, alpha=0.15, linewidth=0.0, zorder=0, label=label)
     x, y = points[reference]
     own = reference_error(built)
     unknown = math.isnan(own)
@@ -110,7 +108,7 @@ def _marks(axes: Any, built: Study, points: dict[Row, tuple[float, float]], meri
                   elinewidth=1.0, capsize=2.0, label=label, zorder=3)  # fmt: skip
     laws = [row for row in built.rows if row.variant.axis == "law" and row.stable and row is not reference]
     if laws and laws[-1].errors[merit] > 0.0:
-        axes.axhline(laws[-1].errors[merit], color=SOFT, linewidth=1.0, linestyle="-.", zorder=1,
+        axes.axhline(laws[-1].errors[merit], color=SOFT_INK, linewidth=1.0, linestyle="-.", zorder=1,
                      label=f"{laws[-1].variant.name}: what the step alone changes")  # fmt: skip
     return ringed
 
@@ -119,17 +117,17 @@ Box = tuple[float, float, float, float]
 """Left, bottom, right and top of an item of the picture, in its pixels."""
 
 
-def _names(axes: Any, rows: list[Row], points: dict[Row, tuple[float, float]], front: list[Row], ringed: set[Row]) -> None:
+def _names(axes: Any, points: dict[Row, tuple[float, float]], front: list[Row], ringed: set[Row]) -> None:
     """Draw a name near each point, where it covers the least: other names and points first, then the front."""
     from matplotlib.patheffects import withStroke
 
     axes.figure.canvas.draw()
     scale = axes.figure.dpi / 72.0
-    dots = {row: axes.transData.transform(points[row]) for row in rows}
+    dots = {row: axes.transData.transform(point) for row, point in points.items()}
     occupied: list[Box] = []
     steps, inside = _steps([dots[row] for row in front]), axes.bbox.extents
-    own = next((row.variant.name.split(",")[0] for row in rows if row.variant.axis != "law"), "")
-    for row in sorted(rows, key=lambda row: dots[row][0]):
+    own = next((row.variant.name.split(",")[0] for row in points if row.variant.axis != "law"), "")
+    for row in sorted(points, key=lambda row: dots[row][0]):
         text, (x, y) = row.variant.name.removeprefix(f"{own}, "), dots[row]
         width, height = 3.9 * len(text) * scale, 9.5 * scale
         off = 9.0 if row in ringed else 0.0  # outside the ring
@@ -150,7 +148,7 @@ def _names(axes: Any, rows: list[Row], points: dict[Row, tuple[float, float]], f
         axes.annotate(text, points[row], xytext=shift, textcoords="offset points", fontsize=7.0, va="center",
                       ha="left" if shift[0] > 0 else "right", color=INK, zorder=5,
                       path_effects=[withStroke(linewidth=2.0, foreground="white")],
-                      arrowprops={"arrowstyle": "-", "color": SOFT, "linewidth": 0.5} if distant else None)  # fmt: skip
+                      arrowprops={"arrowstyle": "-", "color": SOFT_INK, "linewidth": 0.5} if distant else None)  # fmt: skip
 
 
 def _steps(points: list[Any]) -> list[Box]:
@@ -170,22 +168,22 @@ _AROUND = [
 
 
 def _texts(figure: Any, axes: Any, built: Study) -> None:
-    report = built.machine
-    failed = [f"{'; '.join(names)} ({_short(message)})" for message, names in stopped(built).items()]
+    report, failed = built.machine, []
+    for message, names in stopped(built).items():  # without the time at which a run stopped
+        reason = message.partition(": ")[2] if message.startswith("stopped at") and ": " in message else message
+        failed.append(f"{'; '.join(names)} ({textwrap.shorten(reason.split(',')[0], 80, placeholder=' ...')})")
     lines = [
         f"Recommended: {recommended(built)[1].replace('`', '')}.",
         f"Computed: {'; '.join(built.reduction) or 'the whole scene'}; {described(report)}, one of {report['cores']} cores.",
         *(words[0].upper() + words[1:] + "." for words in (scatter_words(built), speed_words(built)) if words),
         *([f"Not shown: {'. '.join(failed)}."] if failed else []),
     ]
-    text = "\n".join(line for text in lines for line in textwrap.wrap(text, 118))
-    figure.suptitle(f"What accuracy costs: {built.title or built.scene}", fontsize=12, fontweight="bold", x=0.01, ha="left",
-                    color=INK)  # fmt: skip
-    axes.set_title(text, loc="left", fontsize=8, color=SOFT)
+    add_texts(figure, axes, f"What accuracy costs: {built.title or built.scene}", lines, 118)
     figure.legend(fontsize=8, frameon=False, loc="outside lower left", ncols=3, markerscale=0.6)
 
 
-def _short(message: str) -> str:
-    """Return the text of a message without its location, in some words."""
-    report = message.split(": ", 1)[1] if message.startswith("stopped at") and ": " in message else message
-    return textwrap.shorten(report.split(",")[0], 80, placeholder=" ...")
+def add_texts(figure: Any, axes: Any, title: str, lines: Iterable[str], width: int) -> None:
+    """Write the title of a picture, and lines below it, each wrapped to so many letters."""
+    figure.suptitle(title, fontsize=12, fontweight="bold", x=0.01, ha="left", color=INK)
+    text = "\n".join(line for text in lines for line in textwrap.wrap(text, width))
+    axes.set_title(text, loc="left", fontsize=8, color=SOFT_INK)

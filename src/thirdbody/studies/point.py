@@ -143,14 +143,14 @@ def _results(point: Point, stop: Callable[[], bool]) -> dict[str, float]:
     simulation = built or prepare(point.parsed(), point.plugins)
     if point.nudge and checkpoint is None:
         nudge(simulation.state, point.nudge)
-    clock = attach(simulation.integrator)
+    seconds = attach(simulation.integrator)
 
     def ended() -> bool:
         return stop() or time.time() > point.deadline
 
     summary = execute(simulation, point.folder, 1, overwrite=checkpoint is None, stop=ended, checkpoint=checkpoint)
     with RunFile(point.folder) as run:
-        return results_of(run, summary | {"integration_time": clock.cpu}, point.results)
+        return results_of(run, summary | {"integration_time": seconds()}, point.results)
 
 
 def _unlocked(folder: Path) -> bool:

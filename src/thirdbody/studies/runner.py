@@ -17,7 +17,6 @@ from typing import Any
 
 from thirdbody.errors import Interrupted, OutputError, ThirdbodyError
 from thirdbody.runner.run_folder import lock_folder
-from thirdbody.studies.dask import DaskPoints, is_dask_client
 from thirdbody.studies.folder import Table, is_sweep_folder, save_plan
 from thirdbody.studies.plan import Plan
 from thirdbody.studies.point import (
@@ -32,7 +31,7 @@ from thirdbody.studies.point import (
     run_point,
     write_result,
 )
-from thirdbody.studies.workers import LocalWorkers
+from thirdbody.studies.workers import DaskPoints, LocalWorkers, is_dask_client
 from thirdbody.system.processes import cores
 from thirdbody.system.terminal import print_line, progress_bar
 from thirdbody.units import duration

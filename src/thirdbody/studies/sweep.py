@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from thirdbody.errors import Fault, GuardStop, InputError, Interrupted, UsageError
 from thirdbody.scene.model import Scene
-from thirdbody.scene.settings import toml_value
 from thirdbody.schema.read import read_text
 from thirdbody.studies.folder import SCENE_FILE, TABLE, is_sweep_folder, read_document, sweep_folder
 from thirdbody.studies.plan import Plan, estimate, make_plan, print_estimate
@@ -78,21 +77,8 @@ def plan_of_path(path: Path, out: Path | None, plugins: Iterable[str | Path] = (
     return make_plan(Scene.load(file, plugins), definition, folder, plugins), folder
 
 
-@dataclass(frozen=True)
-class SweepArguments:
-    """Arguments of the command: `path` of a sweep file, a scene with `vary`, or the folder of a sweep."""
-
-    path: Path
-    out: Path | None
-    vary: Sequence[str]
-    settings: dict[str, str]
-    options: dict[str, Any]
-    plugins: Sequence[Path]
-
-
-def sweep_command(arguments: SweepArguments, execution: Execution, dry_run: bool, quiet: bool, json: bool) -> None:
+def sweep_command(plan: Plan, folder: Path, execution: Execution, dry_run: bool, quiet: bool, json: bool) -> None:
     """Run `thirdbody sweep`. Raises ThirdbodyError; GuardStop where every point failed."""
-    plan, folder = plan_of_arguments(arguments)
     if dry_run:
         print_estimate(plan, estimate(plan, execution.workers), json)
         return
@@ -116,22 +102,25 @@ def sweep_command(arguments: SweepArguments, execution: Execution, dry_run: bool
         raise failure
 
 
-def plan_of_arguments(arguments: SweepArguments) -> tuple[Plan, Path]:
-    """Return the plan that the arguments describe, and its folder. Raises UsageError and InputError."""
-    path, vary = arguments.path, arguments.vary
+def plan_of_options(
+    path: Path, out: Path | None, vary: Sequence[str], options: Mapping[str, Any], plugins: Sequence[Path]
+) -> tuple[Plan, Path]:
+    """Return the plan of a sweep file, of a scene with `--vary`, or of the folder of a sweep, and its folder.
+
+    Raises UsageError and InputError.
+    """
     if not vary:
-        named = [*(["--set"] if arguments.settings else []), *(f"--{name.rstrip('s')}" for name in arguments.options)]
-        if named:
-            raise UsageError(f"{', '.join(named)}: only with --vary; in a sweep file these are keys")
-        if is_sweep_folder(path) and arguments.out is not None:
-            raise UsageError(f"-o {arguments.out}: a sweep goes on in its own folder, {path}")
-        return plan_of_path(path, arguments.out, arguments.plugins)
+        flags = {"settings": "--set", "results": "--result"}
+        if options:
+            named = ", ".join(flags.get(name, f"--{name}") for name in options)
+            raise UsageError(f"{named}: only with --vary; in a sweep file these are keys")
+        if is_sweep_folder(path) and out is not None:
+            raise UsageError(f"-o {out}: a sweep goes on in its own folder, {path}")
+        return plan_of_path(path, out, plugins)
     if path.is_file() and is_sweep(path):
         raise UsageError(f"{path}: is a sweep file; --vary goes with a scene")
-    settings = {key: toml_value(value) for key, value in arguments.settings.items()}
-    options = arguments.options | ({"settings": settings} if settings else {})
-    definition, folder = sweep_of_options(os.fspath(path), vary, options), arguments.out or FOLDER / path.stem
-    return make_plan(Scene.load(path, arguments.plugins), definition, folder, arguments.plugins), folder
+    definition, folder = sweep_of_options(os.fspath(path), vary, options), out or FOLDER / path.stem
+    return make_plan(Scene.load(path, plugins), definition, folder, plugins), folder
 
 
 def print_sweep(sweep: SweepTable, json: bool) -> None:

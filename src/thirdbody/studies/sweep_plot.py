@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -34,11 +34,8 @@ ONE_BY_ONE = ("friction_coefficient", "fraction_rolling", "fraction_sliding", "f
 COLORS = [LINE_COLORS[name] for name in ("blue", "vermilion", "green", "purple", "orange", "sky", "black")]
 
 
-class Panel(NamedTuple):
-    """A panel: its title and the results that it shows."""
-
-    title: str
-    results: tuple[str, ...]
+Panel = tuple[str, tuple[str, ...]]
+"""A panel: its title and the results that it shows."""
 
 
 def draw_sweep(
@@ -63,11 +60,9 @@ def draw_sweep(
         (_draw_map if is_map else _draw_curves)(axes, sweep, shown, panel)
     for axes in grid[len(listed) :]:
         axes.set_visible(False)
-    lines = [sweep.title or str(sweep.path)]
-    if shown.largest > 1:
-        bars = "" if is_map else "; bars: standard error"
-        lines.append(f"mean over {', '.join(shown.averaged)} ({shown.largest} points{bars})")
-    figure.suptitle("\n".join(lines), fontsize=11, color=INK)
+    bars = "" if is_map else "; bars: standard error"
+    mean = f"\nmean over {', '.join(shown.averaged)} ({shown.largest} points{bars})" if shown.largest > 1 else ""
+    figure.suptitle((sweep.title or str(sweep.path)) + mean, fontsize=11, color=INK)
     if out is not None:
         from thirdbody.plot.figures import save
 
@@ -96,17 +91,14 @@ def _panels(sweep: SweepTable, shown: Average, names: Sequence[str] | None) -> l
     for name in names or ():
         if name not in known:
             raise UsageError(f"panel {name}: is no result of this sweep, {nearest(name, known)}")
-    if names:
-        return [Panel(_words(name), (name,)) for name in names]
-    if shown.y_key is not None:
-        chosen = [name for name in ONE_BY_ONE if name in known][:3] or known[:3]
-        return [Panel(_words(name), (name,)) for name in chosen]
+    if names or shown.y_key is not None:
+        return [(_words(name), (name,)) for name in names or [name for name in ONE_BY_ONE if name in known][:3] or known[:3]]
     ever = [name for name in known if name.startswith(EVER)]
     states = [name for name in known if name.startswith(FRACTION) and name not in ever and np.nanmax(shown.values[name]) > 0.0]
-    panels = [Panel(_words(name), (name,)) for name in ("friction_coefficient", *ever) if name in known]
+    panels = [(_words(name), (name,)) for name in ("friction_coefficient", *ever) if name in known]
     if states:
-        panels.insert(1, Panel("states at the end, fraction of the bodies", tuple(states)))
-    return panels or [Panel(_words(name), (name,)) for name in known[:3]]
+        panels.insert(1, ("states at the end, fraction of the bodies", tuple(states)))
+    return panels or [(_words(name), (name,)) for name in known[:3]]
 
 
 def _words(name: str) -> str:
@@ -119,20 +111,18 @@ def _words(name: str) -> str:
 
 def _draw_curves(axes: Axes, sweep: SweepTable, shown: Average, panel: Panel) -> None:
     """Draw each result over x: a curve per value of y, which has a colour; states have theirs."""
-    factor, unit = _scale(shown.x, sweep.axes[shown.x_key])
-    for name in panel.results:
-        values, errors = shown.values[name], shown.errors[name]
+    title, results = panel
+    x = _scaled(axes, "x", shown.x_key, sweep, shown.x)(shown.x)
+    for name in results:
         for number, value in enumerate(np.unique(shown.y) if shown.y_key else [None]):
-            here = np.ones(len(shown.x), bool) if value is None else shown.y == value
-            order = np.argsort(shown.x[here], kind="stable")
-            style = _style(name, number, panel, shown, sweep, value)
-            axes.errorbar(shown.x[here][order] * factor, values[here][order], yerr=errors[here][order], capsize=2.5,
-                          linewidth=1.4, markersize=4.0, **style)  # fmt: skip
-    _label_axis(axes, "x", shown.x_key, unit, shown.x)
-    axes.set_title(panel.title, fontsize=9.5, color=INK)
-    units = {sweep.results[name] for name in panel.results} - {"1"}
+            here = np.flatnonzero(shown.y == value) if shown.y_key else np.arange(len(x))
+            here = here[np.argsort(x[here], kind="stable")]
+            axes.errorbar(x[here], shown.values[name][here], yerr=shown.errors[name][here], capsize=2.5, linewidth=1.4,
+                          markersize=4.0, **_style(name, number, results, shown, sweep, value))  # fmt: skip
+    axes.set_title(title, fontsize=9.5, color=INK)
+    units = {sweep.results[name] for name in results} - {"1"}
     axes.set_ylabel(f"[{units.pop()}]" if len(units) == 1 else "", fontsize=9)
-    if all(name.startswith(FRACTION) for name in panel.results):
+    if all(name.startswith(FRACTION) for name in results):
         axes.set_ylim(-0.03, 1.03)
     axes.grid(True, alpha=0.25, linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)
@@ -141,42 +131,36 @@ def _draw_curves(axes: Axes, sweep: SweepTable, shown: Average, panel: Panel) ->
         axes.legend(fontsize=7.5, frameon=False)
 
 
-def _style(name: str, number: int, panel: Panel, shown: Average, sweep: SweepTable, value: Any) -> dict[str, Any]:
+def _style(name: str, number: int, results: Sequence[str], shown: Average, sweep: SweepTable, value: Any) -> dict[str, Any]:
     """Return colour, marker and label of a curve: with several results colour means the state, else the value of y."""
-    markers, lines = "osD^vP", ("-", "--", ":", "-.", (0, (5, 1)), (0, (1, 1)))
-    several = len(panel.results) > 1
-    state = name.removeprefix(EVER).removeprefix(FRACTION)
-    color = (
-        STATE_COLORS.get(state, COLORS[0]) if several or value is None and state in STATE_COLORS else COLORS[number % len(COLORS)]
-    )
+    markers, lines, several = "osD^vP", ("-", "--", ":", "-.", (0, (5, 1)), (0, (1, 1))), len(results) > 1
+    state, color = name.removeprefix(EVER).removeprefix(FRACTION), COLORS[number % len(COLORS)]
+    if several or value is None and state in STATE_COLORS:
+        color = STATE_COLORS.get(state, COLORS[0])
     words = [state if name.startswith(FRACTION) else _words(name)] if several else []
-    if value is not None:
-        words.append(f"{_short(shown.y_key or '')} = {_with_unit(value, sweep.axes[shown.y_key or ''])}")
+    if value is not None and shown.y_key is not None:
+        factor, unit = _scale(np.array(value), sweep.axes[shown.y_key])
+        words.append(f"{_short(shown.y_key)} = {f'{value * factor:.3g} {unit}' if unit else f'{value:g}'}")
     return {"color": color, "marker": markers[number % len(markers)], "linestyle": lines[number % len(lines)],
             "label": ", ".join(words) or None}  # fmt: skip
 
 
 def _draw_map(axes: Axes, sweep: SweepTable, shown: Average, panel: Panel) -> None:
     """Draw a result over x and y: cells of a grid, or coloured points where they form none."""
-    [name] = panel.results
-    values = shown.values[name]
-    x_factor, x_unit = _scale(shown.x, sweep.axes[shown.x_key])
-    y_factor, y_unit = _scale(shown.y, sweep.axes[shown.y_key or ""])
+    title, [name] = panel
     limits: dict[str, Any] = {"vmin": 0.0, "vmax": 1.0} if name.startswith(FRACTION) else {}
-    x, y = np.unique(shown.x), np.unique(shown.y)
+    x, y, values = np.unique(shown.x), np.unique(shown.y), shown.values[name]
+    in_x, in_y = _scaled(axes, "x", shown.x_key, sweep, x), _scaled(axes, "y", shown.y_key or "", sweep, y)
     if len(shown.x) >= 0.5 * len(x) * len(y):
         cells = np.full((len(y), len(x)), np.nan)
         cells[np.searchsorted(y, shown.y), np.searchsorted(x, shown.x)] = values
-        image: Any = axes.pcolormesh(_edges(x) * x_factor, _edges(y) * y_factor, cells, cmap="viridis", **limits)
+        image: Any = axes.pcolormesh(in_x(_edges(x)), in_y(_edges(y)), cells, cmap="viridis", **limits)
     else:
-        image = axes.scatter(shown.x * x_factor, shown.y * y_factor, c=values, s=28, cmap="viridis", edgecolors="white",
-                             linewidths=0.4, **limits)  # fmt: skip
-    bar = axes.figure.colorbar(image, ax=axes)
-    bar.ax.tick_params(labelsize=8)
+        image = axes.scatter(in_x(shown.x), in_y(shown.y), c=values, s=28, cmap="viridis", edgecolors="white", linewidths=0.4,
+                             **limits)  # fmt: skip
+    axes.figure.colorbar(image, ax=axes).ax.tick_params(labelsize=8)
     unit = sweep.results[name]
-    axes.set_title(panel.title + ("" if unit == "1" else f" [{unit}]"), fontsize=9.5, color=INK)
-    _label_axis(axes, "x", shown.x_key, x_unit, x)
-    _label_axis(axes, "y", shown.y_key or "", y_unit, y)
+    axes.set_title(title + ("" if unit == "1" else f" [{unit}]"), fontsize=9.5, color=INK)
     axes.tick_params(labelsize=8)
 
 
@@ -200,24 +184,17 @@ def _is_log(values: np.ndarray) -> bool:
 
 
 def _scale(values: np.ndarray, unit: str) -> tuple[float, str]:
-    if unit == "1":
-        return 1.0, ""
-    return prefix_for(float(np.abs(values).max(initial=0.0)), unit)
+    return (1.0, "") if unit == "1" else prefix_for(float(np.abs(values).max(initial=0.0)), unit)
 
 
-def _label_axis(axes: Axes, which: str, key: str, unit: str, values: np.ndarray) -> None:
-    label = f"{key} [{unit}]" if unit else key
-    (axes.set_xlabel if which == "x" else axes.set_ylabel)(label, fontsize=9, color=SOFT_INK)
+def _scaled(axes: Axes, which: str, key: str, sweep: SweepTable, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """Label an axis of the picture, logarithmic for such values; return the function that scales values to its unit."""
+    factor, unit = _scale(values, sweep.axes[key])
+    getattr(axes, f"set_{which}label")(f"{key} [{unit}]" if unit else key, fontsize=9, color=SOFT_INK)
     if _is_log(values):
-        (axes.set_xscale if which == "x" else axes.set_yscale)("log")
+        getattr(axes, f"set_{which}scale")("log")
+    return lambda raw: raw * factor
 
 
 def _short(key: str) -> str:
     return key.rpartition(".")[2]
-
-
-def _with_unit(value: float, unit: str) -> str:
-    if unit == "1":
-        return f"{value:g}"
-    factor, name = prefix_for(abs(value), unit)
-    return f"{value * factor:.3g} {name}"

@@ -128,12 +128,10 @@ class Costs:
 
     def of(self, variant: Variant) -> float:
         """Return the expected seconds of a variant: proportional to the number of steps, measured for its law or estimated."""
-        own = (self.base.level, self.base.springs)
-        seconds = self.laws.get(self.key(variant), math.nan)
-        if math.isnan(seconds) and variant.integrator != self.base.kind:
-            seconds = self.other
-        elif math.isnan(seconds):
-            seconds = self.own * self._usual(variant.law) / self._usual(own)
+        seconds = self.other
+        if variant.integrator == self.base.kind:
+            seconds = self.own * self._usual(variant.law) / self._usual((self.base.level, self.base.springs))
+        seconds = self.laws.get(self.key(variant), seconds)
         seconds /= min(variant.speed, 1.0)  # a faster plate saves nothing while the debris settles
         return seconds / (variant.factor if variant.integrator == "explicit" else variant.factor**0.5)
 
@@ -173,8 +171,8 @@ def variants_of(scene: Scene, family: LawFamily, base: Base) -> list[Variant]:
 
     variants = [variant("law", law, base.kind) for law in laws]
     variants += [variant("step", own, base.kind, factor) for factor in FACTORS[base.kind]]
-    known = other == "implicit" or not math.isnan(base.step)
-    variants += [variant("integrator", own, other, factor) for factor in (AROUND[other] if known else (1.0,))]
+    factors = (1.0,) if other == "explicit" and math.isnan(base.step) else AROUND[other]
+    variants += [variant("integrator", own, other, factor) for factor in factors]
     variants += _speeds(variant("speed", own, base.kind), scene) if base.sheared_bed else []
     if base.meets:
         same = variant("nudged", own, base.kind)
@@ -189,14 +187,15 @@ def variants_of(scene: Scene, family: LawFamily, base: Base) -> list[Variant]:
 
 def _speeds(own: Variant, scene: Scene) -> list[Variant]:
     """Return a variant at other speeds of the upper plate, but for those that the scene cannot have."""
-    variants = []
+    def keys(entry: Scene) -> dict[str, Any]:
+        document = entry.document()
+        tables = {"plates.upper": document["plates"]["upper"], "solver": document["solver"], "output": document["output"]}
+        return {f"{table}.{key}": value for table, values in tables.items() for key, value in values.items()}
+
+    variants, before = [], keys(scene)
     for speed in SPEEDS:
-        old, new = (entry.document() for entry in (scene, at_speed(scene, speed)))
-        tables = {"plates.upper": (old["plates"]["upper"], new["plates"]["upper"])}
-        tables |= {table: (old[table], new[table]) for table in ("solver", "output")}
-        changes = dict(own.changes)
-        for table, (before, after) in tables.items():
-            changes |= {f"{table}.{key}": value for key, value in after.items() if before.get(key) != value}
+        after = keys(at_speed(scene, speed))
+        changes = {**own.changes, **{key: value for key, value in after.items() if before.get(key) != value}}
         try:
             scene.with_settings(changes)
         except InputError:  # a wanted inertial number beyond its range
