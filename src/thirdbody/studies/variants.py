@@ -187,6 +187,7 @@ def variants_of(scene: Scene, family: LawFamily, base: Base) -> list[Variant]:
 
 def _speeds(own: Variant, scene: Scene) -> list[Variant]:
     """Return a variant at other speeds of the upper plate, but for those that the scene cannot have."""
+
     def keys(entry: Scene) -> dict[str, Any]:
         document = entry.document()
         tables = {"plates.upper": document["plates"]["upper"], "solver": document["solver"], "output": document["output"]}
