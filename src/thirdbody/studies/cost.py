@@ -87,14 +87,17 @@ def errors(result: Outcome, reference: Outcome) -> dict[str, float]:
     all labels that would have to change to make the share of each state equal.
     """
     path = reference.distance if reference.distance > 0.0 else float(np.nanmean(reference.gap))
-    same = np.ones(len(reference.position), bool)
+    same, changed, moved_fractions = np.ones(len(reference.position), bool), math.nan, math.nan
     if result.states is not None and reference.states is not None:
-        same = result.states[-1] == reference.states[-1]
+        same, frames = result.states[-1] == reference.states[-1], min(len(result.states), len(reference.states))
+        labels = result.states[:frames], reference.states[:frames]
+        if frames:
+            parts = [np.bincount(some.ravel().astype(int), minlength=256) / max(some.size, 1) for some in labels]
+            changed, moved_fractions = float(np.mean(labels[0] != labels[1])), 0.5 * float(np.abs(parts[0] - parts[1]).sum())
     moved = result.position - reference.position
     # 0 * infinity is no number, hence the finite factor of a side without period
     moved[:, :2] -= np.round(moved[:, :2] / reference.period) * np.where(np.isinf(reference.period), 0.0, reference.period)
     load = (result.normal, reference.normal) if reference.gap_set else (result.gap, reference.gap)
-    changed, moved_fractions = label_differences(result.states, reference.states)
     return {
         "friction_error": rms_error(result.friction, reference.friction),
         "load_error": rms_error(*load),
@@ -127,19 +130,6 @@ def rotation_angles(first: Array, second: Array) -> Array:
     cross = np.cross(second[:, 1:], first[:, 1:])
     v = second[:, :1] * first[:, 1:] - first[:, :1] * second[:, 1:] - cross
     return 2.0 * np.arctan2(np.linalg.norm(v, axis=1), w)
-
-
-def label_differences(result: Array | None, reference: Array | None) -> tuple[float, float]:
-    """Return which fraction of labels (F, B) differs, and half the sum of the differences of the shares of the states.
-
-    NaN without labels.
-    """
-    frames = 0 if result is None or reference is None else min(len(result), len(reference))
-    if result is None or reference is None or not frames:
-        return float("nan"), float("nan")
-    a, b = result[:frames], reference[:frames]
-    parts = [np.bincount(labels.ravel().astype(int), minlength=256) / max(labels.size, 1) for labels in (a, b)]
-    return float(np.mean(a != b)), 0.5 * float(np.abs(parts[0] - parts[1]).sum())
 
 
 def _median(values: Array) -> float:
@@ -318,18 +308,22 @@ def recommended(built: Study) -> tuple[Row, str]:
     good = [row for row in close if not row.errors[labels] > limit]
     smallest = min((significant_error(built, row, merit) for row in choices), default=0.0)
     nearest = [row for row in choices if significant_error(built, row, merit) <= (1.0 + GAIN) * smallest]
-    ties = _ties(good or [row for row in nearest if not row.errors[labels] > limit] or nearest)
+    equal = good or [row for row in nearest if not row.errors[labels] > limit] or nearest
+    first = min(equal, key=lambda row: row.seconds + row.timing.half, default=built.reference)
+    ties = [row for row in equal if not slower(row.timing, first.timing) or row.seconds <= (1.0 + GAIN) * first.seconds]
     best = min(ties or [built.reference], key=lambda row: (significant_error(built, row, merit), row.seconds))
     row = default if default is not None and default in ties else best
     own = ", the variant of the scene," if row is default else ""
     words = [f"`{row.variant.name}`{own} gives {percent(row.errors[merit])} {merit_in_words(built)} error"]
     if default is not None and default.stable and default is not row:
-        words.append(f" at {_ratio(row, default)} `{default.variant.name}` ({percent(default.errors[merit])})")
+        same, ratio = "the same cost, within the spread, as", f"{row.seconds / default.seconds:.2g} times the cost of"
+        cost = same if _same_time(row, default) else ratio
+        words.append(f" at {cost} `{default.variant.name}` ({percent(default.errors[merit])})")
     words.append(_of_labels(built, row))
     words += _why_not_the_fastest(built, row, close, good)
-    equal = [f"`{other.variant.name}`" for other in ties if other is not row and _same_time(other, row)]
-    if good and equal:
-        words.append(f"; {', '.join(equal)} take{'s' if len(equal) == 1 else ''} the same time within the spread")
+    names = [f"`{other.variant.name}`" for other in ties if other is not row and _same_time(other, row)]
+    if good and names:
+        words.append(f"; {', '.join(names)} take{'s' if len(names) == 1 else ''} the same time within the spread")
     if not good:
         words.append(f"; no variant is within 1 % of `{built.reference.variant.name}` in {merit_in_words(built)} and labels")
     alone = next((other for other in built.rows if other.variant.axis == "meeting" and other.stable), None)
@@ -338,14 +332,6 @@ def recommended(built: Study) -> tuple[Row, str]:
                      f"{percent(alone.errors[merit])}, in {alone.seconds / default.seconds:.2g} times the time of "
                      f"`{default.variant.name}`{_of_labels(built, alone)}")  # fmt: skip
     return row, "".join(words)
-
-
-def _ties(rows: Sequence[Row]) -> list[Row]:
-    """Return the fastest of these variants, and those that are not slower by their spread and by a quarter."""
-    if not rows:
-        return []
-    first = min(rows, key=lambda row: row.seconds + row.timing.half)
-    return [row for row in rows if not slower(row.timing, first.timing) or row.seconds <= (1.0 + GAIN) * first.seconds]
 
 
 def _why_not_the_fastest(built: Study, row: Row, close: Sequence[Row], good: Sequence[Row]) -> Iterator[str]:
@@ -364,12 +350,6 @@ def _why_not_the_fastest(built: Study, row: Row, close: Sequence[Row], good: Seq
 
 def _same_time(a: Row, b: Row) -> bool:
     return not slower(a.timing, b.timing) and not slower(b.timing, a.timing)
-
-
-def _ratio(row: Row, default: Row) -> str:
-    """Return the cost of a variant over that of the scene's own in words; none where the spread exceeds the difference."""
-    same = _same_time(row, default)
-    return "the same cost, within the spread, as" if same else f"{row.seconds / default.seconds:.2g} times the cost of"
 
 
 def _of_labels(built: Study, row: Row) -> str:
