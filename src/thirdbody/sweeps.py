@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from thirdbody.api import Run
-from thirdbody.studies.sweep_table import SweepTable
+from thirdbody.studies.folder import SweepTable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

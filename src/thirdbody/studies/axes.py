@@ -23,20 +23,12 @@ _FIELDS: dict[str, Any] = {
     "count": (Count | None, None),
     "scale": (Annotated[Literal["linear", "log", "whole"], Choice()], "linear"),
 }
+# Table `{from, to, count, scale}` of a key; `from` is no name in Python, hence the call.
 IntervalTable: Any = create_model("IntervalTable", __base__=Part, **_FIELDS)
-"""Table `{from, to, count, scale}` of a key; `from` is no name in Python, hence the call."""
-
-SAMPLED = ("sobol", "latin_hypercube")
-"""Designs of low-discrepancy or stratified samples of the space of the axes."""
-
-MAX_POINTS = 1_000_000
-"""Largest number of points of a sweep: each is a file at least."""
-
-Settings = dict[str, Any]
-"""Values by key, as `Scene.with_settings` takes them."""
-
-Report = Callable[[Location, str], None]
-"""Takes a fault: its place and its text."""
+SAMPLED = ("sobol", "latin_hypercube")  # designs of low-discrepancy or stratified samples of the space of the axes
+MAX_POINTS = 1_000_000  # largest number of points of a sweep: each is a file at least
+Settings = dict[str, Any]  # values by key, as `Scene.with_settings` takes them
+Report = Callable[[Location, str], None]  # takes a fault: its place and its text
 
 
 @dataclass(frozen=True)
@@ -104,8 +96,7 @@ class Column:
         return self.values[int(fraction * len(self.values))]
 
 
-Axis = tuple[Column, ...]
-"""Keys that move together: one dimension of the design."""
+Axis = tuple[Column, ...]  # keys that move together: one dimension of the design
 
 
 def read_column(key: str, given: Any, location: Location, report: Report, sampled: bool) -> Column:

@@ -19,33 +19,20 @@ from thirdbody.studies.point import Point
 from thirdbody.studies.timing import bare, rate
 from thirdbody.studies.variants import Base, springs_option
 
+# Least number of bodies left: fewer give poor statistics of states, or, where they meet, meet images of their neighbours.
 FEWEST, FEWEST_THAT_MEET = 16, 50
-"""Least number of bodies left: fewer give poor statistics of states, or, where they meet, meet images of their neighbours."""
-
-MANY = 512
-"""Number of bodies above which a scene is thinned, if it can be, before its time is estimated."""
-
-FRAMES = 20
-"""Least number of outputs left."""
-
-SHORTEST = 0.02
-"""Least fraction of the distance or time left."""
-
-BESIDE = 0.5
-"""Least ratio of the time of the drag to that of settling: a shorter drag saves little, and is all first slip."""
+MANY = 512  # number of bodies above which a scene is thinned, if it can be, before its time is estimated
+FRAMES = 20  # least number of outputs left
+SHORTEST = 0.02  # least fraction of the distance or time left
+BESIDE = 0.5  # least ratio of the time of the drag to that of settling: a shorter drag saves little, and is all first slip
 
 DEAR, LAST, SMALLER, SIZES = 2.5, 60.0, 0.25, 4
 """Time of a copy, over the one that it was made for, above which a smaller one is made, and above which the trial of the smallest
 ends; how much smaller one is made whose time is not known; number of copies that are tried."""
 
-UNKNOWN = 10.0
-"""Time with the other integrator over that with its own, where it is not known."""
-
-SHORTEST_SETTLING = 0.125
-"""Least fraction of the expected settling time left."""
-
-CLOSE = 0.8
-"""Fraction of its time to which a run must be reduced before its distance is cut: a trial is no more accurate."""
+UNKNOWN = 10.0  # time with the other integrator over that with its own, where it is not known
+SHORTEST_SETTLING = 0.125  # least fraction of the expected settling time left
+CLOSE = 0.8  # fraction of its time to which a run must be reduced before its distance is cut: a trial is no more accurate
 
 
 RUNS_OF_COPY, FEW_RUNS, ENOUGH_RUNS = 400.0, 4.0, 40.0

@@ -16,11 +16,9 @@ from thirdbody.errors import UsageError
 from thirdbody.studies.timing import Timing, slower, timing
 from thirdbody.studies.variants import Variant
 
-GOOD, SAME = 0.01, 0.01
-"""Friction error and fraction of changed labels that a recommended variant may have."""
-
+GOOD, SAME = 0.01, 0.01  # friction error and fraction of changed labels that a recommended variant may have
+# Least gain of time for which another variant is recommended than one that is preferred: a second study finds the same.
 GAIN = 0.25
-"""Least gain of time for which another variant is recommended than one that is preferred: a second study finds the same."""
 
 ERRORS = ("friction_error", "load_error", "position_error", "rotation_error", "label_difference", "dissipation_error",
           "mean_friction_error", "mean_position_error", "state_fraction_error")  # fmt: skip

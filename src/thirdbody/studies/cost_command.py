@@ -24,11 +24,8 @@ from thirdbody.studies.folder import TABLE, new_study_folder, read_document, sav
 from thirdbody.studies.point import INTERRUPTED, code_version, point_name, read_result
 from thirdbody.units import duration
 
-REPEATS, BUDGET = 3, 420.0
-"""Least number of timings of a variant; wall time of a study [s]."""
-
-FEW_FRAMES = 420.0
-"""Budget [s] below which the copy has few frames, which take longer to write than a short run to integrate."""
+REPEATS, BUDGET = 3, 420.0  # least number of timings of a variant; wall time of a study [s]
+FEW_FRAMES = 420.0  # budget [s] below which the copy has few frames, which take longer to write than a short run to integrate
 
 
 class StudyOptions(NamedTuple):

@@ -23,8 +23,7 @@ AXES = {  # axis of the study: label, colour, marker; shapes distinguish them wi
     "fine": ("step with the finest law", LINE_COLORS["purple"], "^"),
     "meeting": ("bodies that do not meet", LINE_COLORS["black"], "X"),
 }
-NOTHING = 1e-12
-"""Smaller errors are drawn at this value: a variant with identical bits has none."""
+NOTHING = 1e-12  # smaller errors are drawn at this value: a variant with identical bits has none
 
 
 def picture_of_study(built: Study) -> Figure:
@@ -39,7 +38,12 @@ def picture_of_study(built: Study) -> Figure:
     axes.grid(True, which="major", alpha=0.25, linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)
     points = _points(built, merit)
-    _draw_points(axes, [row for row in points if row is not built.reference], points)
+    for axis, (label, color, marker) in AXES.items():
+        here = [row for row in points if row.variant.axis == axis and row is not built.reference]
+        if here:
+            axes.errorbar(*zip(*(points[row] for row in here), strict=True), xerr=_error_bars(here), fmt=marker, color=color,
+                          markersize=6.5, elinewidth=1.0, capsize=2.0, label=label, markeredgecolor="white", markeredgewidth=0.6,
+                          zorder=3)  # fmt: skip
     front = [row for row in efficient(built) if row in points]
     # steps: between two variants more time gains nothing until it suffices for the next one
     axes.plot(*zip(*(points[row] for row in front), strict=True), color=INK, linewidth=1.2, linestyle="--",
@@ -66,17 +70,6 @@ def _points(built: Study, merit: str) -> dict[Row, tuple[float, float]]:
     shown = {row: (row.seconds, max(row.errors[merit], NOTHING)) for row in rows if math.isfinite(row.errors[merit])}
     own, minimum = reference_error(built), min((height for _, height in shown.values() if height > NOTHING), default=1.0)
     return shown | {built.reference: (built.reference.seconds, minimum / 3.0 if math.isnan(own) else min(own, minimum))}
-
-
-def _draw_points(axes: Any, rows: list[Row], points: dict[Row, tuple[float, float]]) -> None:
-    for axis, (label, color, marker) in AXES.items():
-        here = [row for row in rows if row.variant.axis == axis]
-        if not here:
-            continue
-        x, y = zip(*(points[row] for row in here), strict=True)
-        axes.errorbar(x, y, xerr=_error_bars(here), fmt=marker, color=color, markersize=6.5, elinewidth=1.0, capsize=2.0,
-                      label=label,
-                      markeredgecolor="white", markeredgewidth=0.6, zorder=3)  # fmt: skip
 
 
 def _error_bars(rows: list[Row]) -> list[list[float]]:
@@ -113,8 +106,7 @@ def _marks(axes: Any, built: Study, points: dict[Row, tuple[float, float]], meri
     return ringed
 
 
-Box = tuple[float, float, float, float]
-"""Left, bottom, right and top of an item of the picture, in its pixels."""
+Box = tuple[float, float, float, float]  # left, bottom, right and top of an item of the picture, in its pixels
 
 
 def _names(axes: Any, points: dict[Row, tuple[float, float]], front: list[Row], ringed: set[Row]) -> None:

@@ -25,17 +25,10 @@ from thirdbody.studies.cost import (
 from thirdbody.studies.timing import described
 from thirdbody.system.terminal import print_line
 
-LEFT_OUT = "left out"
-"""Beginning of the message of a variant that was not run."""
-
-FLOOR = 1e-9
-"""Smaller errors are rounding and define no order."""
-
-FALLS = 0.7
-"""Largest ratio of successive errors that still defines an order: half the step or the springs at order 1/2."""
-
-SLOWEST = 1.0 + math.sqrt(2.0)
-"""Least ratio of successive errors for which the error of the reference is extrapolated: order 1/2."""
+LEFT_OUT = "left out"  # beginning of the message of a variant that was not run
+FLOOR = 1e-9  # smaller errors are rounding and define no order
+FALLS = 0.7  # largest ratio of successive errors that still defines an order: half the step or the springs at order 1/2
+SLOWEST = 1.0 + math.sqrt(2.0)  # least ratio of successive errors for which the error of the reference is extrapolated: order 1/2
 
 COLUMNS = {"friction": "friction_error", "load|gap": "load_error", "position": "position_error", "turn, rad": "rotation_error",
            "labels": "label_difference", "dissipated": "dissipation_error"}  # fmt: skip

@@ -29,15 +29,13 @@ from thirdbody.studies.workers import LocalWorkers
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SECONDS = 2.0
-"""Integration time of one run of the copy [s]: some six effects, each in five pairs or, where a run is long, in two."""
+SECONDS = 2.0  # integration time of one run of the copy [s]: some six effects, each in five pairs or, where a run is long, in two
 
 LIMIT, LONG, PAIRS = 90.0, 2.0, 5
 """Time limit of one run [s]; run time above which a run is timed while it also writes its frames, which do not matter there [s];
 least number of pairs."""
 
-APART = f"starts {NUDGE:g} apart: smaller changes mean nothing"
-"""What the first row tells where bodies meet."""
+APART = f"starts {NUDGE:g} apart: smaller changes mean nothing"  # what the first row tells where bodies meet
 
 TRIED: Mapping[str, tuple[str, Any, str]] = {
     "gravity": ("effects.gravity", ["0 m/s2", "0 m/s2", "-9.81 m/s2"], "9.81 m/s2 downwards"),
@@ -181,11 +179,8 @@ CHANGES = {  # in `studies.cost.errors`: label, colour, marker
     "label_difference": ("labels that differ", LINE_COLORS["vermilion"], "s"),
     "dissipation_error": ("dissipated energy", LINE_COLORS["green"], "D"),
 }
-ON, OFF = LINE_COLORS["black"], LINE_COLORS["purple"]
-"""Colours of times: of what the scene names, and of what it does not."""
-
-NOTHING = 1e-6
-"""Smaller changes are drawn at this value, at the edge."""
+ON, OFF = LINE_COLORS["black"], LINE_COLORS["purple"]  # colours of times: of what the scene names, and of what it does not
+NOTHING = 1e-6  # smaller changes are drawn at this value, at the edge
 
 
 def with_over_without(row: dict[str, Any]) -> list[float]:

@@ -22,14 +22,9 @@ from thirdbody.system.processes import cores
 from thirdbody.system.terminal import print_line
 from thirdbody.units import DIMENSIONS, duration, file_size
 
-POINTS = "points"
-"""Folder of the points within that of a sweep."""
-
-MAX_FAULTS = 1000
-"""Number of different faults after which no more points are checked."""
-
-TRIALS = 5
-"""Largest number of points of which the cost is estimated, spread evenly over the sweep."""
+POINTS = "points"  # folder of the points within that of a sweep
+MAX_FAULTS = 1000  # number of different faults after which no more points are checked
+TRIALS = 5  # largest number of points of which the cost is estimated, spread evenly over the sweep
 
 
 @dataclass(frozen=True)
@@ -68,14 +63,14 @@ def make_plan(base: Scene, definition: Definition, folder: Path, plugins: Iterab
     files = tuple(Path(file).absolute() for file in plugins)
     checker = _Checker(definition, files)
     given, *listed = (
-        {key: definition.setting(key, plain(value)) for key, value in settings}
+        {key: toml_value_text(plain(value), key) if definition.from_file else plain(value) for key, value in settings}
         for settings in (_paths(definition.tables.settings), *(point.items() for point in definition.points))
     )
     try:
         base = base.with_settings(given) if given else base
     except InputError as error:
         for fault in error.faults:
-            checker.faults[fault.key, fault.message] = definition.fault(("settings", fault.key), fault.message)
+            checker.faults[fault.key, fault.message] = definition.source.fault(("settings", fault.key), fault.message)
     scenes = [scene for number, settings in enumerate(listed) if (scene := checker.scene(base, settings, number)) is not None]
     names = checker.results()
     if checker.faults:
@@ -137,7 +132,7 @@ class _Checker:
         """Return the names of all results; unknown ones are faults."""
         for number, name in enumerate(self.definition.tables.results):
             if text := unknown(name, self.states):
-                self.faults["results", name] = self.definition.fault(("results", number), text)
+                self.faults["results", name] = self.definition.source.fault(("results", number), text)
         return with_states(self.definition.tables.results, list(self.states))
 
     def _collect(self, faults: Sequence[Fault], settings: Settings, number: int) -> None:
@@ -148,7 +143,7 @@ class _Checker:
             if (fault.key, fault.message) in self.faults:
                 continue
             if at is not None:
-                placed = self.definition.fault(at.location, fault.message)._replace(key=fault.key)
+                placed = self.definition.source.fault(at.location, fault.message)._replace(key=fault.key)
             else:
                 values = ", ".join(f"{key} = {value}" for key, value in settings.items())
                 file = None if fault.file == SETTINGS else fault.file

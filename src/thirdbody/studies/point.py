@@ -23,17 +23,13 @@ from thirdbody.runner.checkpoint import FILE as CHECKPOINT
 from thirdbody.runner.run_folder import lock_folder
 from thirdbody.scene.model import Scene
 
-RESULT_FILE = "point.json"
-"""In the folder of a point, beside the files of its run: the result, written last."""
-
+RESULT_FILE = "point.json"  # in the folder of a point, beside the files of its run: the result, written last
+# Status of a point: not yet run; finished; stopped by a guard, a fault or a lost worker; stopped with a checkpoint.
 WAITING, DONE, FAILED, INTERRUPTED = "waiting", "done", "failed", "interrupted"
-"""Status of a point: not yet run; finished; stopped by a guard, a fault or a lost worker; stopped with a checkpoint."""
-
+# Time [s] to wait for another process that still writes this point (one whose study was killed ends soon), and interval.
 LOCKED, POLL = 60.0, 0.2
-"""Time [s] to wait for another process that still writes this point (one whose study was killed ends soon), and interval."""
-
+# Packages whose source decides on results.
 PACKAGES = ("assembly", "bodies", "engine", "jit", "kernels", "laws", "runner", "scene", "statics", "trajectory")
-"""Packages whose source decides on results."""
 
 
 @dataclass(frozen=True)

@@ -36,14 +36,10 @@ from thirdbody.system.processes import cores
 from thirdbody.system.terminal import print_line, progress_bar
 from thirdbody.units import duration
 
-POLL = 0.2
-"""Interval [s] at which a wish to stop is noticed."""
-
-LINES = 10
-"""Number of lines of the progress of a whole study where there is no terminal for a bar."""
-
+POLL = 0.2  # interval [s] at which a wish to stop is noticed
+LINES = 10  # number of lines of the progress of a whole study where there is no terminal for a bar
+# Approximate number of points whose laws are compiled before workers start; a worker compiles what none of them has.
 EXAMINED = 200
-"""Approximate number of points whose laws are compiled before workers start; a worker compiles what none of them has."""
 
 
 @dataclass(frozen=True)

@@ -11,20 +11,16 @@ from typing import Any
 from thirdbody.errors import Fault, GuardStop, InputError, Interrupted, UsageError
 from thirdbody.scene.model import Scene
 from thirdbody.schema.read import read_text
-from thirdbody.studies.folder import SCENE_FILE, TABLE, is_sweep_folder, read_document, sweep_folder
+from thirdbody.studies.folder import SCENE_FILE, TABLE, SweepTable, is_sweep_folder, read_document, sweep_folder
 from thirdbody.studies.plan import Plan, estimate, make_plan, print_estimate
 from thirdbody.studies.point import DONE, FAILED
 from thirdbody.studies.runner import Execution, execute_sweep, reporting
 from thirdbody.studies.sweep_file import is_sweep, read_sweep, saved_definition, sweep_of_options, sweep_of_python
-from thirdbody.studies.sweep_table import SweepTable
 from thirdbody.system.signals import stop_on_signal
 from thirdbody.system.terminal import print_line
 
-FOLDER = Path("sweeps")
-"""Folder of sweeps that name none."""
-
-REPORTED = 5
-"""Largest number of failed points that are listed at the end; the table has all."""
+FOLDER = Path("sweeps")  # folder of sweeps that name none
+REPORTED = 5  # largest number of failed points that are listed at the end; the table has all
 
 
 def execution_of_python(executor: Any, workers: Any, resume: Any) -> Execution:
@@ -73,7 +69,7 @@ def plan_of_path(path: Path, out: Path | None, plugins: Iterable[str | Path] = (
     definition, folder = read_sweep(path), out or FOLDER / path.stem
     file = definition.folder / definition.tables.scene  # relative to the sweep file
     if not os.path.exists(file):
-        raise InputError(definition.fault(("scene",), f"{file}: no such file"))
+        raise InputError(definition.source.fault(("scene",), f"{file}: no such file"))
     return make_plan(Scene.load(file, plugins), definition, folder, plugins), folder
 
 

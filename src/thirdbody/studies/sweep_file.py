@@ -17,13 +17,11 @@ from thirdbody.scene.settings import toml_value
 from thirdbody.schema.fields import Choice, Count, Seed, Text, Whole, listing
 from thirdbody.schema.parts import MISSING, Location, Part, Wrong, wrongs_of
 from thirdbody.schema.read import Source, read_text, read_toml
-from thirdbody.schema.write import toml_value_text
 from thirdbody.studies.axes import SAMPLED, Axis, Column, Settings, design_faults, read_column, settings_of_points
 from thirdbody.studies.results import DEFAULT
 
 VERSION = 1
-SET_BY = ("vary", "together", "points")
-"""Keys that give the points: at least one of the first two, or the third."""
+SET_BY = ("vary", "together", "points")  # keys that give the points: at least one of the first two, or the third
 
 _HEADING = re.compile(r"(?P<key>[^\[]+?)\s*(?:\[(?P<unit>[^\]]*)\])?")
 _INDEX = re.compile(r"\[(\d+)\]")
@@ -84,14 +82,6 @@ class Definition:
     folder: Path
     from_file: bool
     design: str
-
-    def setting(self, key: str, value: Any) -> Any:
-        """Return a value as `Scene.with_settings` takes it: in a file a bare number has no unit, in Python it is in SI."""
-        return toml_value_text(value, key) if self.from_file else value
-
-    def fault(self, location: Location, text: str) -> Fault:
-        """Return a fault with file, line and column."""
-        return self.source.fault(location, text)
 
 
 def read_sweep(path: Path) -> Definition:

@@ -11,31 +11,24 @@ import numpy as np
 from thirdbody.errors import InputError, UsageError, nearest
 from thirdbody.palette import INK, LINE_COLORS, SOFT_INK, STATE_COLORS
 from thirdbody.plot.figures import check_format
+from thirdbody.studies.folder import Average, SweepTable, average
 from thirdbody.studies.results import EVER, FRACTION
-from thirdbody.studies.sweep_table import Average, SweepTable, average
 from thirdbody.units import prefix_for
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-CURVES = 6
-"""Largest number of values of a second axis that are drawn as curves; more are a map."""
-
-PANEL = (4.3, 3.3)
-"""Width and height of a panel [inch]."""
-
-PER_ROW = 3
-"""Largest number of panels side by side."""
-
+CURVES = 6  # largest number of values of a second axis that are drawn as curves; more are a map
+PANEL = (4.3, 3.3)  # width and height of a panel [inch]
+PER_ROW = 3  # largest number of panels side by side
+# Results that maps, and curves for several values of a second axis, show if none are named: the first three that there are.
 ONE_BY_ONE = ("friction_coefficient", "fraction_rolling", "fraction_sliding", "fraction_sticking", "fraction_ever_rolling")
-"""Results that maps, and curves for several values of a second axis, show if none are named: the first three that there are."""
 
 COLORS = [LINE_COLORS[name] for name in ("blue", "vermilion", "green", "purple", "orange", "sky", "black")]
 
 
-Panel = tuple[str, tuple[str, ...]]
-"""A panel: its title and the results that it shows."""
+Panel = tuple[str, tuple[str, ...]]  # a panel: its title and the results that it shows
 
 
 def draw_sweep(

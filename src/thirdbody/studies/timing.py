@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
     from thirdbody.engine.state import State
 
-EMPTY = 50
-"""Number of timed calls that do nothing, for the cost of a call."""
+EMPTY = 50  # number of timed calls that do nothing, for the cost of a call
 
 LONE, FLOOR, FEW = 0.5, 0.03, 5
 """Relative uncertainties of timings.
@@ -32,17 +31,12 @@ may be chance, and the whole range is used, since quartiles mean nothing. Repeat
 memory alone changes times by some per cent.
 """
 
-NUDGE = 1e-9
-"""Standard deviation of the displacements of a start, in parts of a body's size, and of the rotations [rad]."""
-
+NUDGE = 1e-9  # standard deviation of the displacements of a start, in parts of a body's size, and of the rotations [rad]
+# Widths of vector registers [bits] by how they are named in assembly, the widest first.
 REGISTERS = {"%zmm": 512, "%ymm": 256, "%xmm": 128, ".4s": 128}
-"""Widths of vector registers [bits] by how they are named in assembly, the widest first."""
-
+# A vector sum as LLVM source: its assembly contains the widest registers of a kind of core.
 SUM = "define <16 x float> @add(<16 x float> %a, <16 x float> %b) { %c = fadd <16 x float> %a, %b\n ret <16 x float> %c }"
-"""A vector sum as LLVM source: its assembly contains the widest registers of a kind of core."""
-
-CACHES = Path("/sys/devices/system/cpu/cpu0/cache")
-"""Folder in which Linux describes the caches of a core."""
+CACHES = Path("/sys/devices/system/cpu/cpu0/cache")  # folder in which Linux describes the caches of a core
 
 
 class Late(Exception):

@@ -12,35 +12,21 @@ from thirdbody.scene.speed import at_speed
 from thirdbody.scene.tables import IMPLICIT_KEYS
 from thirdbody.studies.timing import NUDGE
 
-Law = tuple[str, int | None]
-"""Level and its springs."""
-
-Code = tuple[str, str]
-"""Settings of the contact in words, and the integrator: variants with the same have the same compiled laws."""
-
-SPRINGS = (8, 16, 32, 64, 128)
-"""Springs of a level that has that option."""
-
+Law = tuple[str, int | None]  # level and its springs
+Code = tuple[str, str]  # settings of the contact in words, and the integrator: variants with the same have the same compiled laws
+SPRINGS = (8, 16, 32, 64, 128)  # springs of a level that has that option
+# Factors on the time step, or on the tolerance of a step: the length of an implicit step goes as its square root.
 FACTORS = {"explicit": (4.0, 2.0, 0.5, 0.25), "implicit": (16.0, 4.0, 0.25, 0.0625)}
-"""Factors on the time step, or on the tolerance of a step: the length of an implicit step goes as its square root."""
-
+# The same with the finest law, between its own step and that of the reference: there only the step has an error.
 FINE = {"explicit": (2.0, 0.5), "implicit": (4.0, 0.25)}
-"""The same with the finest law, between its own step and that of the reference: there only the step has an error."""
-
-FINEST = {"explicit": 0.25, "implicit": 1.0 / 64.0}
-"""The same of the reference."""
-
+FINEST = {"explicit": 0.25, "implicit": 1.0 / 64.0}  # the same of the reference
+# Factors on the speed of the upper plate of a bed; the slower one tells what the scene's own speed costs in accuracy.
 SPEEDS = (9.0, 3.0, 1.0 / 3.0)
-"""Factors on the speed of the upper plate of a bed; the slower one tells what the scene's own speed costs in accuracy."""
-
+# Number of runs of the scene's own variant from displaced starts: with the run itself three pairs tell how far runs part.
 NUDGED = 2
-"""Number of runs of the scene's own variant from displaced starts: with the run itself three pairs tell how far runs part."""
-
-UNTIMED = ("reference", "nudged")
-"""Axes of the variants that are only run, for errors."""
-
+UNTIMED = ("reference", "nudged")  # axes of the variants that are only run, for errors
+# The same for the integrator that the scene does not use; 1 leaves it to its default.
 AROUND = {"explicit": (1.0, 2.0, 0.5), "implicit": (1.0, 4.0, 0.25)}
-"""The same for the integrator that the scene does not use; 1 leaves it to its default."""
 
 CURVES = {"nodes": 96}
 """Options of the finest law that resolve slip on curved paths, for the variants with the reference's law.

@@ -33,14 +33,9 @@ from typing import Any
 from thirdbody.errors import Fault, InputError, MissingLibrary, ThirdbodyError, UsageError, nearest
 from thirdbody.system.processes import cores, python_command, python_environment
 
-TRIES = 3
-"""Number of processes that one point may take with it before it counts as failed."""
-
-PATIENCE = 20.0
-"""Time [s] for a process to end by itself once it has nothing to do."""
-
-ANSWER = 4.0
-"""Longest wait [s] for a scheduler to answer."""
+TRIES = 3  # number of processes that one point may take with it before it counts as failed
+PATIENCE = 20.0  # time [s] for a process to end by itself once it has nothing to do
+ANSWER = 4.0  # longest wait [s] for a scheduler to answer
 
 QUEUES = {
     "slurm": "SLURMCluster", "pbs": "PBSCluster", "sge": "SGECluster", "lsf": "LSFCluster", "moab": "MoabCluster",
@@ -48,15 +43,12 @@ QUEUES = {
 }  # fmt: skip
 """Classes of dask-jobqueue by the name of their table in a cluster file."""
 
-JOBS = "jobs"
-"""Key of the number of jobs; all other keys are arguments of the class."""
-
+JOBS = "jobs"  # key of the number of jobs; all other keys are arguments of the class
+# Arguments of the cluster itself, not of its jobs.
 OF_CLUSTER = ("host", "interface", "protocol", "scheduler_options", "silence_logs", "shared_temp_directory")
-"""Arguments of the cluster itself, not of its jobs."""
 
 
-_own = threading.local()
-"""The process of each thread of this Dask worker."""
+_own = threading.local()  # the process of each thread of this Dask worker
 
 
 class WorkerDied(ThirdbodyError):
