@@ -62,7 +62,7 @@ class Sweep(SweepTable):
         -------
         matplotlib.figure.Figure
         """
-        from thirdbody.studies.sweep_plot import draw_sweep
+        from thirdbody.studies.pictures import draw_sweep
 
         return draw_sweep(self, None if out is None else Path(out), panels, x, y)
 

@@ -18,7 +18,7 @@ from thirdbody.kernels.tables import body
 from thirdbody.plot.figures import save
 from thirdbody.runner.simulate import prepare
 from thirdbody.scene.model import Scene
-from thirdbody.studies import cost, cost_plot, cost_runs
+from thirdbody.studies import cost, cost_runs, pictures
 from thirdbody.studies.copies import (
     FEWEST,
     FEWEST_THAT_MEET,
@@ -110,7 +110,7 @@ def test_the_json_and_the_picture_have_every_variant(made, tmp_path):  # noqa: F
     assert all(names <= set(variant) for variant in report["variants"]) and report["reference"] == "exact, step /4"
     assert report["variants"][3]["time_ratio"] == 2.0 and report["variants"][3]["springs"] == 16
     assert report["variants"][-2]["stable"] is False
-    figure = cost_plot.picture_of_study(made)
+    figure = pictures.picture_of_study(made)
     axes, legend = figure.axes[0], {text.get_text() for text in figure.legends[0].get_texts()}
     assert {"coulomb", "mindlin", "mdr 8", "mdr 16", "exact", "step x4"} <= {text.get_text() for text in axes.texts}
     assert {"efficient front, to the reference", "as in the scene", "recommended"} <= legend

@@ -26,14 +26,13 @@ FRAMES = 20  # least number of outputs left
 SHORTEST = 0.02  # least fraction of the distance or time left
 BESIDE = 0.5  # least ratio of the time of the drag to that of settling: a shorter drag saves little, and is all first slip
 
+# Time of a copy, over the one that it was made for, above which a smaller one is made, and above which the trial of the smallest
+# ends; how much smaller one is made whose time is not known; number of copies that are tried.
 DEAR, LAST, SMALLER, SIZES = 2.5, 60.0, 0.25, 4
-"""Time of a copy, over the one that it was made for, above which a smaller one is made, and above which the trial of the smallest
-ends; how much smaller one is made whose time is not known; number of copies that are tried."""
 
 UNKNOWN = 10.0  # time with the other integrator over that with its own, where it is not known
 SHORTEST_SETTLING = 0.125  # least fraction of the expected settling time left
 CLOSE = 0.8  # fraction of its time to which a run must be reduced before its distance is cut: a trial is no more accurate
-
 
 RUNS_OF_COPY, FEW_RUNS, ENOUGH_RUNS = 400.0, 4.0, 40.0
 """Budget over the time of one run of the copy with the scene's own settings: some 20 variants, of which the reference takes as

@@ -73,7 +73,7 @@ def _compute(
         report = effects_study(source, options.repeats, log, options.only)
         figure = picture(report)
     else:
-        from thirdbody.studies.cost_plot import picture_of_study
+        from thirdbody.studies.pictures import picture_of_study
 
         built = study(source, options.repeats, log, options.budget, options.resume)
         figure = picture_of_study(built)

@@ -121,32 +121,20 @@ def as_json(built: Study) -> dict[str, Any]:
     default, (row, words), front = built.default, recommended(built), efficient(built)
     base = default.seconds if default is not None and default.stable else math.nan
     return {
-        "scene": built.scene,
-        "title": built.title,
-        "machine": built.machine,
-        "reduction": built.reduction,
-        "scatter": dict(built.scatter),
-        "budget_s": built.budget,
-        "took_s": built.elapsed,
-        "reference": built.reference.variant.name,
-        "recommended": {"variant": row.variant.name, "words": words},
+        "scene": built.scene, "title": built.title, "machine": built.machine, "reduction": built.reduction,
+        "scatter": dict(built.scatter), "budget_s": built.budget, "took_s": built.elapsed,
+        "reference": built.reference.variant.name, "recommended": {"variant": row.variant.name, "words": words},
         "speed_error": speed_error(built)[1],
         "variants": [_row_as_json(entry, base, entry in front) for entry in built.rows],
         "convergence": convergence(built),
         "reference_error": reference_error(built),
-    }
+    }  # fmt: skip
 
 
 def _row_as_json(row: Row, base: float, on_front: bool) -> dict[str, Any]:
-    variant = row.variant
-    return {
-        "name": variant.name,
-        "axis": variant.axis,
-        "level": variant.level,
-        "springs": variant.springs,
-        "integrator": row.integrator,
-        "speed": variant.speed,
-        "step": row.step,
+    result = {name: getattr(row.variant, name) for name in ("name", "axis", "level", "springs", "speed", "default", "reference")}
+    result |= {name: getattr(row, name) for name in ("integrator", "step", "stable", "message")}
+    return result | {name: row.errors.get(name, math.nan) for name in ERRORS} | {
         "wall_s": statistics.median(row.wall) if row.wall else math.nan,
         "wall_spread_s": [min(row.wall), max(row.wall)] if row.wall else None,
         "cpu_s": row.seconds,
@@ -155,14 +143,9 @@ def _row_as_json(row: Row, base: float, on_front: bool) -> dict[str, Any]:
         "cpu_uncertainty_s": row.timing.half if row.cpu else None,
         "repeats": len(row.wall),
         "time_ratio": row.seconds / base,
-        **{name: row.errors.get(name, math.nan) for name in ERRORS},
         "energy_residual": None if row.outcome is None else row.outcome.residual,
-        "stable": row.stable,
-        "message": row.message,
-        "default": variant.default,
-        "reference": variant.reference,
         "on_front": on_front,
-    }
+    }  # fmt: skip
 
 
 def print_study(built: Study) -> None:

@@ -38,9 +38,9 @@ GRACE = 3.0  # time for a run to end itself [s]
 LATE = 3.0  # a variant is given up after this many times its expected time
 AFFORDABLE = 0.5  # largest fraction of the time left that the finest law and the reference may take together
 
+# Largest number of timings of a variant; rounds for which time is reserved while variants are run, but for those that take more
+# than this fraction of the budget; relative uncertainty of a time below which a variant needs no more of them.
 ROUNDS, RESERVED_ROUNDS, DEAR, PRECISE = 25, 3, 0.02, 0.10
-"""Largest number of timings of a variant; rounds for which time is reserved while variants are run, but for those that take more
-than this fraction of the budget; relative uncertainty of a time below which a variant needs no more of them."""
 
 SHORT, MANY, ONLY_TWO = 0.3, 5, 5.0  # limit of run times [s] for many repeats, how many these are, and limit for two repeats
 MEASURED = ("integration_time", *(name for name in DEFAULT if name != STATES))  # results of the variants in the table

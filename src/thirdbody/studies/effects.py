@@ -20,8 +20,8 @@ from thirdbody.runner.simulate import prepare
 from thirdbody.scene.model import Scene
 from thirdbody.studies.copies import StudySource, portable, reduce_scene, reductions, time_point
 from thirdbody.studies.cost import errors, percent, read_outcome
-from thirdbody.studies.cost_plot import add_texts
 from thirdbody.studies.folder import RUNS, SCENE_FILE
+from thirdbody.studies.pictures import add_texts
 from thirdbody.studies.point import DONE, Point, run_point
 from thirdbody.studies.timing import NUDGE, Late, machine
 from thirdbody.studies.workers import LocalWorkers
@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 
 SECONDS = 2.0  # integration time of one run of the copy [s]: some six effects, each in five pairs or, where a run is long, in two
 
+# Time limit of one run [s]; run time above which a run is timed while it also writes its frames, which do not matter there [s];
+# least number of pairs.
 LIMIT, LONG, PAIRS = 90.0, 2.0, 5
-"""Time limit of one run [s]; run time above which a run is timed while it also writes its frames, which do not matter there [s];
-least number of pairs."""
 
 APART = f"starts {NUDGE:g} apart: smaller changes mean nothing"  # what the first row tells where bodies meet
 

@@ -109,20 +109,15 @@ def save_plan(plan: Plan, folder: Path, more: Mapping[str, Any] | None = None) -
     """Write the plan, and `more` of a study, into the folder of a sweep, which is made. Raises OutputError."""
     point = plan.points[0]
     document = {
-        "format": FORMAT,
-        "title": plan.title,
-        "design": plan.design,
-        "lengths": plan.lengths,
+        "format": FORMAT, "title": plan.title, "design": plan.design, "lengths": plan.lengths,
         "columns": [{"key": column.key, "unit": column.unit, "axis": column.axis} for column in plan.columns],
-        "results": plan.results,
-        "keep": point.keep,
-        "plugins": [str(file) for file in point.plugins],
-        "scene_folder": str(point.scene_folder),
+        "results": plan.results, "keep": point.keep,
+        "plugins": [str(file) for file in point.plugins], "scene_folder": str(point.scene_folder),
         "points": [
             {"folder": one.folder.name, "settings": settings, "values": [column.values[one.number] for column in plan.columns]}
             for one, settings in zip(plan.points, plan.settings, strict=True)
         ],
-    }
+    }  # fmt: skip
     write_output(folder / SCENE_FILE, plan.scene.encode())
     write_output(folder / SWEEP_FILE, json.dumps(document | dict(more or {})).encode())
 

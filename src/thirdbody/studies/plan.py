@@ -210,17 +210,10 @@ def estimate(plan: Plan, workers: int | None) -> dict[str, Any]:
     disk = statistics.fmean(sizes) if sizes else mean("disk") if plan.points[0].keep == "all" else 0.0
     count, total = max(1, min(workers or cores(), len(missing))), each * len(missing) if missing else 0.0
     return {
-        "points": len(plan.points),
-        "done": len(saved),
-        "workers": count,
-        "core_seconds": total,
-        "wall_time": total / count,
-        "disk": int(disk * len(missing)) if missing and math.isfinite(disk) else 0,
-        "memory_per_worker": max(memory),
-        "measured": len(seconds),
-        "trials": len(trials),
-        "failures": failures,
-    }
+        "points": len(plan.points), "done": len(saved), "workers": count, "core_seconds": total, "wall_time": total / count,
+        "disk": int(disk * len(missing)) if missing and math.isfinite(disk) else 0, "memory_per_worker": max(memory),
+        "measured": len(seconds), "trials": len(trials), "failures": failures,
+    }  # fmt: skip
 
 
 def print_estimate(plan: Plan, cost: Mapping[str, Any], json: bool) -> None:
