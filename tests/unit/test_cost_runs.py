@@ -226,7 +226,7 @@ def studied(bench, tmp_path):
 
 @pytest.mark.parametrize(
     ("budget", "pace", "compiling", "whole"),
-    [(30.0, 1.0, 0.0, False), (300.0, 1.0, 0.0, True), (90.0, 3.0, 0.0, False), (900.0, 3.0, 0.0, True), (60.0, 1.0, 1.0, False),
+    [(30.0, 1.0, 0.0, False), (300.0, 1.0, 0.0, True), (90.0, 3.0, 0.0, False), (900.0, 3.0, 0.0, True), (60.0, 1.0, 1.0, True),
      (45.0, 1.0, 1.0, False), (300.0, 1.0, 1.0, True)],
 )  # fmt: skip
 def test_a_budget_is_kept_and_no_cheap_variant_is_left_out_for_a_dear_one(budget, pace, compiling, whole, monkeypatch, tmp_path):
