@@ -294,7 +294,10 @@ def _names(axes: Any, points: dict[Row, tuple[float, float]], front: list[Row], 
     scale = axes.figure.dpi / 72.0
     dots = {row: axes.transData.transform(point) for row, point in points.items()}
     occupied: list[Box] = []
-    steps, inside = _steps([dots[row] for row in front]), axes.bbox.extents
+    corners, inside = [dots[row] for row in front], axes.bbox.extents
+    pairs = list(zip(corners, corners[1:], strict=False))
+    steps = [(a[0], a[1], b[0], a[1]) for a, b in pairs]
+    steps += [(b[0], min(a[1], b[1]), b[0], max(a[1], b[1])) for a, b in pairs]
     own = next((row.variant.name.split(",")[0] for row in points if row.variant.axis != "law"), "")
     for row in sorted(points, key=lambda row: dots[row][0]):
         text, (x, y) = row.variant.name.removeprefix(f"{own}, "), dots[row]
@@ -318,12 +321,6 @@ def _names(axes: Any, points: dict[Row, tuple[float, float]], front: list[Row], 
                       ha="left" if shift[0] > 0 else "right", color=INK, zorder=5,
                       path_effects=[withStroke(linewidth=2.0, foreground="white")],
                       arrowprops={"arrowstyle": "-", "color": SOFT_INK, "linewidth": 0.5} if distant else None)  # fmt: skip
-
-
-def _steps(points: list[Any]) -> list[Box]:
-    pairs = list(zip(points, points[1:], strict=False))
-    level = [(a[0], a[1], b[0], a[1]) for a, b in pairs]
-    return level + [(b[0], min(a[1], b[1]), b[0], max(a[1], b[1])) for a, b in pairs]
 
 
 def _boxes_overlap(a: Box, b: Box) -> bool:

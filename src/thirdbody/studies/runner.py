@@ -115,9 +115,8 @@ def run_points(
     full: points without a result then wait for a resume.
     """
     finished: SimpleQueue[tuple[Point, Any]] = SimpleQueue()
-    futures: list[Any] = []
+    futures, going, killed = list[Any](), True, math.inf
     broken: OutputError | None = None
-    going, killed = True, math.inf
 
     def interrupt() -> None:
         for future in reversed(futures):
