@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -120,14 +119,9 @@ def sweep(
     >>> [point.status for point in sweep.points]
     ['done', 'done', 'done']
     """
-    from thirdbody.runner.simulate import check_call
-    from thirdbody.studies.runner import execute_sweep, reporting
-    from thirdbody.studies.sweep import execution_of_python, plan_of_python
-    from thirdbody.system.signals import stop_on_ctrl_c
+    from thirdbody.studies.sweep import execution_of_python, plan_of_python, run_sweep
 
-    check_call(plugins, progress)
-    execution = execution_of_python(executor, options.pop("workers", None), resume)
+    execution = execution_of_python(executor, options.pop("workers", None), resume, progress, plugins)
     plan, folder = plan_of_python(scene, vary, None if out is None else Path(out), plugins, options)
-    with reporting(progress, plan.title) as report, stop_on_ctrl_c() as stop:
-        execute_sweep(plan, folder, replace(execution, report=report, stop=stop))
+    run_sweep(plan, folder, execution, progress)
     return Sweep(folder)

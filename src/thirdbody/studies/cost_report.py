@@ -223,9 +223,9 @@ def _cells(row: Mapping[str, Any], columns: Mapping[str, str]) -> tuple[str, ...
     if not row["stable"]:  # its partial result is not compared
         what = "left out" if row["message"].startswith(LEFT_OUT) else "stopped" if row["repeats"] else "failed"
         return (*first, what, *[""] * (len(columns) + 3))
-    spread = row["cpu_uncertainty_s"] / row["cpu_s"] if row["cpu_s"] > 0.0 else math.inf
+    relative = row["cpu_uncertainty_s"] / row["cpu_s"] if row["cpu_s"] > 0.0 else math.inf
     values = ((_plain if name == "rotation_error" else _percent)(row[name]) for name in columns.values())
-    return (*first, f"{row['cpu_s']:.3g} ~{100.0 * spread:.0f} %", str(row["repeats"]), f"{row['time_ratio']:.3g}", *values,
+    return (*first, f"{row['cpu_s']:.3g} ~{100.0 * relative:.0f} %", str(row["repeats"]), f"{row['time_ratio']:.3g}", *values,
             _plain(row["energy_residual"]))  # fmt: skip
 
 

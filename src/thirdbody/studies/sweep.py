@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from thirdbody.errors import Fault, GuardStop, InputError, Interrupted, UsageError
+from thirdbody.runner.simulate import check_call
 from thirdbody.scene.model import Scene
 from thirdbody.schema.read import read_text
 from thirdbody.studies.folder import SCENE_FILE, TABLE, SweepTable, is_sweep_folder, read_document, sweep_folder
@@ -16,15 +17,16 @@ from thirdbody.studies.plan import Plan, estimate, make_plan, print_estimate
 from thirdbody.studies.point import DONE, FAILED
 from thirdbody.studies.runner import Execution, execute_sweep, reporting
 from thirdbody.studies.sweep_file import is_sweep, read_sweep, saved_definition, sweep_of_options, sweep_of_python
-from thirdbody.system.signals import stop_on_signal
+from thirdbody.system.signals import stop_on_ctrl_c, stop_on_signal
 from thirdbody.system.terminal import print_line
 
 FOLDER = Path("sweeps")  # folder of sweeps that name none
 REPORTED = 5  # largest number of failed points that are listed at the end; the table has all
 
 
-def execution_of_python(executor: Any, workers: Any, resume: Any) -> Execution:
+def execution_of_python(executor: Any, workers: Any, resume: Any, progress: Any, plugins: Iterable[str | Path]) -> Execution:
     """Return how a sweep is carried out. Raises UsageError for a wrong argument."""
+    check_call(plugins, progress)
     if executor is not None and not callable(getattr(executor, "submit", None)):
         raise UsageError(f"executor = {executor!r}: must be a Dask client, or have the `submit` of concurrent.futures")
     if workers is not None and (not isinstance(workers, int) or isinstance(workers, bool) or workers < 1):
@@ -50,6 +52,12 @@ def plan_of_python(
     if isinstance(scene, Scene | Mapping):
         raise UsageError("give `vary`, or a sweep file instead of a scene")
     return plan_of_path(Path(scene), out, plugins)
+
+
+def run_sweep(plan: Plan, folder: Path, execution: Execution, progress: Any) -> None:
+    """Run a sweep until it is done, or Ctrl-C. Raises OutputError and Interrupted."""
+    with reporting(progress, plan.title) as report, stop_on_ctrl_c() as stop:
+        execute_sweep(plan, folder, replace(execution, report=report, stop=stop))
 
 
 def plan_of_path(path: Path, out: Path | None, plugins: Iterable[str | Path] = ()) -> tuple[Plan, Path]:
