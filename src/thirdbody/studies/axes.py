@@ -126,7 +126,7 @@ def _read_interval(given: Mapping[str, Any], location: Location, report: Report,
         report((*location, "count"), "a sampled design has no count of its own: `samples` gives the number of points")
     elif not sampled and count is None:
         report((*location, "count"), "required key is missing: the number of values, such as count = 5")
-    ends, fault = [], ""
+    ends, fault = list[tuple[float, str]](), ""
     for key, value in (("from", first), ("to", last)):
         try:
             ends.append(number_in_si(value))
@@ -183,13 +183,15 @@ def settings_of_points(design: str, axes: Sequence[Axis], samples: int | None, s
 
         kind: Any = qmc.Sobol if design == "sobol" else qmc.LatinHypercube
         rows: Any = kind(len(axes), scramble=True, seed=np.random.default_rng(seed)).random(samples or 0).tolist()
-        value = Column.at
     else:
-        lists = {column.key: column.listed() for axis in axes for column in axis}
         indices = [range(axis[0].count or 0) for axis in axes]
         rows = product(*indices) if design == "grid" else zip(*indices, strict=True)
-
-        def value(column: Column, index: int) -> Any:
-            return lists[column.key][index]
-
-    return [{column.key: value(column, at) for axis, at in zip(axes, row, strict=True) for column in axis} for row in rows]
+    lists = {} if design in SAMPLED else {column.key: column.listed() for axis in axes for column in axis}
+    return [
+        {
+            column.key: lists[column.key][at] if lists else column.at(at)
+            for axis, at in zip(axes, row, strict=True)
+            for column in axis
+        }
+        for row in rows
+    ]

@@ -315,7 +315,8 @@ def average(sweep: SweepTable, x: str, y: str | None) -> Average:
         if point.status == DONE:
             position = float(point.values[x]), 0.0 if y is None else float(point.values[y])
             groups.setdefault(position, []).append(point.number)
-    values, errors, of_friction = {}, {}, np.nan_to_num(sweep.column("friction_coefficient_error"))
+    values, errors = dict[str, np.ndarray](), dict[str, np.ndarray]()
+    of_friction = np.nan_to_num(sweep.column("friction_coefficient_error"))
     for name in sweep.results:
         column = np.array(sweep.column(name), float)
         known = [column[rows][np.isfinite(column[rows])] for rows in groups.values()]

@@ -334,7 +334,7 @@ _AROUND = [
 
 
 def _texts(figure: Any, axes: Any, built: Study) -> None:
-    report, failed = built.machine, []
+    report, failed = built.machine, list[str]()
     for message, names in stopped(built).items():  # without the time at which a run stopped
         reason = message.partition(": ")[2] if message.startswith("stopped at") and ": " in message else message
         failed.append(f"{'; '.join(names)} ({textwrap.shorten(reason.split(',')[0], 80, placeholder=' ...')})")

@@ -245,7 +245,8 @@ def _run(missing: list[Point], table: Table, execution: Execution) -> bool:
 
     unique = [points[0] for points in same.values()]
     count = max(1, min(execution.workers or cores(), len(unique)))
-    with LocalWorkers(count) if given is None else nullcontext(DaskPoints(given) if is_dask_client(given) else given) as executor:
+    opened: Any = LocalWorkers(count) if given is None else nullcontext(DaskPoints(given) if is_dask_client(given) else given)
+    with opened as executor:
         memory, ready = warm_up(unique), len(table.rows) - len(unique)
         what = f"{len(unique)} points" + (f", {ready} more are there already" if ready else "")
         each = f", about {memory / 1e9:.1f} GB each" if memory else ""
