@@ -18,13 +18,24 @@ from thirdbody.kernels.tables import body
 from thirdbody.plot.figures import save
 from thirdbody.runner.simulate import prepare
 from thirdbody.scene.model import Scene
-from thirdbody.studies import cost, cost_plot, cost_runs
-from thirdbody.studies.compare import read_outcome
-from thirdbody.studies.copies import FEWEST, FEWEST_THAT_MEET, Copy, StudySource, make_copy, reduce_scene, reductions, thin
-from thirdbody.studies.cost_bench import Bench, Overdue, compile_law, rate_point, time_point
+from thirdbody.studies import cost, cost_runs, pictures
+from thirdbody.studies.copies import (
+    FEWEST,
+    FEWEST_THAT_MEET,
+    Copy,
+    StudySource,
+    compile_law,
+    make_copy,
+    rate_point,
+    reduce_scene,
+    reductions,
+    thin,
+    time_point,
+)
+from thirdbody.studies.cost import read_outcome
 from thirdbody.studies.cost_command import StudyOptions, cost_command, study
 from thirdbody.studies.cost_report import LEFT_OUT, as_json, convergence, falling
-from thirdbody.studies.cost_runs import VariantRuns, repeats_of
+from thirdbody.studies.cost_runs import Bench, Overdue, VariantRuns, repeats_of
 from thirdbody.studies.point import DONE, INTERRUPTED, Point, PointResult, run_point
 from thirdbody.studies.timing import NUDGE, Late, bare, nudge, slower, timing
 from thirdbody.studies.variants import Costs
@@ -99,7 +110,7 @@ def test_the_json_and_the_picture_have_every_variant(made, tmp_path):  # noqa: F
     assert all(names <= set(variant) for variant in report["variants"]) and report["reference"] == "exact, step /4"
     assert report["variants"][3]["time_ratio"] == 2.0 and report["variants"][3]["springs"] == 16
     assert report["variants"][-2]["stable"] is False
-    figure = cost_plot.picture_of_study(made)
+    figure = pictures.picture_of_study(made)
     axes, legend = figure.axes[0], {text.get_text() for text in figure.legends[0].get_texts()}
     assert {"coulomb", "mindlin", "mdr 8", "mdr 16", "exact", "step x4"} <= {text.get_text() for text in axes.texts}
     assert {"efficient front, to the reference", "as in the scene", "recommended"} <= legend
@@ -215,7 +226,7 @@ def studied(bench, tmp_path):
 
 @pytest.mark.parametrize(
     ("budget", "pace", "compiling", "whole"),
-    [(30.0, 1.0, 0.0, False), (300.0, 1.0, 0.0, True), (90.0, 3.0, 0.0, False), (900.0, 3.0, 0.0, True), (60.0, 1.0, 1.0, False),
+    [(30.0, 1.0, 0.0, False), (300.0, 1.0, 0.0, True), (90.0, 3.0, 0.0, False), (900.0, 3.0, 0.0, True), (60.0, 1.0, 1.0, True),
      (45.0, 1.0, 1.0, False), (300.0, 1.0, 1.0, True)],
 )  # fmt: skip
 def test_a_budget_is_kept_and_no_cheap_variant_is_left_out_for_a_dear_one(budget, pace, compiling, whole, monkeypatch, tmp_path):

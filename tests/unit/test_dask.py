@@ -10,7 +10,7 @@ from ensembles import scene
 
 import thirdbody
 from thirdbody.errors import InputError, MissingLibrary, UsageError
-from thirdbody.studies.dask import dask_client
+from thirdbody.studies.workers import dask_client
 
 SLOW = pytest.mark.full(kind="slow")  # starts other processes
 VARY = [{"pairs.0.friction": 0.1}, {"pairs.0.friction": 0.3, "debris.0.seed": 2}, {"plates.upper.load": "1 kN"}]

@@ -2,7 +2,7 @@
 
 import os
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import typer
 
@@ -93,15 +93,17 @@ def sweep(
     cluster: Cluster,
 ) -> None:
     """Run a scene at many points: a table of results, a folder per point; failed points are rows too."""
-    from thirdbody.studies.dask import dask_client
-    from thirdbody.studies.sweep import Execution, SweepArguments, sweep_command
+    from thirdbody.scene.settings import toml_value
+    from thirdbody.studies.sweep import Execution, plan_of_options, sweep_command
+    from thirdbody.studies.workers import dask_client
 
     if continuation.retry not in (None, "failed"):
         raise UsageError(f"--retry {continuation.retry}: write --retry failed")
-    given = {"design": points.design, "samples": points.samples, "results": points.result, "keep": points.keep}
+    given: dict[str, Any] = {"design": points.design, "samples": points.samples, "results": points.result, "keep": points.keep}
+    given["settings"] = {key: toml_value(text) for key, text in override_pairs(points.settings).items()} or None
     options = {name: value for name, value in given.items() if value is not None}
-    arguments = SweepArguments(path, out, points.vary or (), override_pairs(points.settings), options, plugin or ())
     resume, retry = continuation.resume or continuation.retry is not None, continuation.retry is not None
     with dask_client(cluster.dask, cluster.cluster) as client:
         execution = Execution(client, continuation.workers, resume, retry)
-        sweep_command(arguments, execution, continuation.dry_run, continuation.quiet, continuation.json)
+        plan, folder = plan_of_options(path, out, points.vary or (), options, plugin or ())
+        sweep_command(plan, folder, execution, continuation.dry_run, continuation.quiet, continuation.json)
