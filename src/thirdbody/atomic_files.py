@@ -3,9 +3,10 @@
 import os
 import shutil
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import BinaryIO
 
 from thirdbody.errors import OutputError
 
@@ -75,13 +76,21 @@ def _beside(path: Path, suffix: str) -> Path:
     return full.with_name(f".{full.name}.{os.getpid()}.{suffix}")
 
 
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file atomically, replacing a link too. Raises OSError when it cannot be written."""
+@contextmanager
+def new_file(path: Path) -> Iterator[BinaryIO]:
+    """Yield a file to write and read, renamed to `path` on success; it replaces a link too. Raises OSError; then `path` stays."""
     beside = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         beside.unlink(missing_ok=True)
-        with open(beside, "xb") as file:  # a new file: never the target of a link
-            file.write(content)
+        with open(beside, "x+b") as file:  # a new file: never the target of a link
+            yield file
         os.replace(beside, path)
     finally:
-        beside.unlink(missing_ok=True)
+        with suppress(OSError):  # a read-only folder refuses that too
+            beside.unlink(missing_ok=True)
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file atomically. Raises OSError when it cannot be written."""
+    with new_file(path) as file:
+        file.write(content)

@@ -317,16 +317,14 @@ def _wall_times(execution: Execution) -> Any:
 
 
 def _execute(built: Any, folder: Path, execution: Execution, **options: Any) -> None:
-    from contextlib import nullcontext
-
     from thirdbody.report.tables import run_report
-    from thirdbody.runner.progress import reporter_for_terminal
+    from thirdbody.runner.progress import reporting
     from thirdbody.runner.simulate import execute
 
     problem: GuardStop | Interrupted | None = None
     with stop_on_signal() as stop:
         try:
-            with nullcontext() if execution.quiet else reporter_for_terminal(built.scene.title, built.announcement) as report:
+            with reporting(not execution.quiet, built.scene.title, built.announcement) as report:
                 execute(built, folder, execution.threads, report, stop=stop, **options)
         except (GuardStop, Interrupted) as error:
             problem = error

@@ -20,7 +20,7 @@ from thirdbody.scene.model import Scene
 from thirdbody.trajectory.accommodation import accommodation, has_accommodation
 from thirdbody.trajectory.bed_measures import BedMeasures
 from thirdbody.trajectory.contacts import FrameContacts
-from thirdbody.trajectory.frame import ALL, ALWAYS, FrameMaker, Selection
+from thirdbody.trajectory.frame import FrameMaker, Selection
 from thirdbody.trajectory.names import LOWER_PLATE, UPPER_PLATE
 from thirdbody.trajectory.profiles import AXES, Profiler
 from thirdbody.trajectory.sampling import IntervalMeans, Sampler, body_velocities, sample_of
@@ -63,23 +63,18 @@ def profiler_of(simulation: Simulation) -> Profiler | None:
     return Profiler(profiles.bins, axis, lambda: integrator.label()[:, 0], labeller.states)
 
 
-def selection_of(scene: Scene, maker: FrameMaker) -> Selection:
-    """Return what of a frame the scene has written, and have `maker` make no more of it.
-
-    Raises InputError for arrays that the bodies do not have.
-    """
+def select_output(scene: Scene, maker: FrameMaker) -> None:
+    """Have frames hold what the scene has written. Raises InputError for arrays that the bodies do not have."""
     output = scene.output
-    known = ["position", *maker.body_arrays()] if output.arrays is not None else []
-    unknown = [name for name in output.arrays or () if name not in known]
-    if unknown:
+    if output.arrays is not None:
+        known = ["position", *maker.body_arrays()]
         what = "the bodies of this run have no array"
-        raise InputError([scene.fault(("output", "arrays"), f"{what} '{name}'; {nearest(name, known)}") for name in unknown])
-    blocks = tuple(name for name in ALL if output.blocks is None or name in output.blocks)
-    arrays = None if output.arrays is None else tuple(output.arrays)
-    maker.blocks, maker.arrays = blocks, None if arrays is None else frozenset((*ALWAYS, *arrays))
+        unknown = [name for name in output.arrays if name not in known]
+        if unknown:
+            raise InputError([scene.fault(("output", "arrays"), f"{what} '{name}'; {nearest(name, known)}") for name in unknown])
+    maker.selection = Selection(output.blocks, output.arrays, output.precision == "float32", output.compress)
     if output.sample is not None and output.sample < maker.state.n_bodies:
         maker.follow(sample_of(output.sample, maker.state.n_bodies))
-    return Selection(blocks, arrays, output.precision == "float32", output.compress)
 
 
 def is_bed(simulation: Simulation) -> bool:

@@ -18,7 +18,7 @@ from thirdbody.engine.snapshot import check, restore, snapshot
 from thirdbody.errors import InputError, Interrupted, OutputError
 from thirdbody.runner.checkpoint import FILE as CHECKPOINT
 from thirdbody.runner.checkpoint import THE_VERSION, Checkpoint, prints_of, write_checkpoint
-from thirdbody.runner.measurements import PeakPressure, bed_measures, interval_means, profiler_of, selection_of
+from thirdbody.runner.measurements import PeakPressure, bed_measures, interval_means, profiler_of, select_output
 from thirdbody.runner.progress import Progress, Reporter
 from thirdbody.runner.run_folder import RunFolder
 from thirdbody.runner.stops import Settling, targets
@@ -73,7 +73,7 @@ class RunLoop:
         self.means = interval_means(simulation, profiler)
         drag, bed = simulation.integrator.drag, bed_measures(simulation)
         self.maker = FrameMaker(simulation.state, self.ledger, simulation.labeller, drag, self.means, bed, profiler)
-        self.selection = selection_of(simulation.scene, self.maker)
+        select_output(simulation.scene, self.maker)
         self.maker.watch = self.pressure.update
         self.maker.scene_time = simulation.scene_time if simulation.speed_scale else None
         self.text, self.prints = simulation.requested.to_toml(), prints_of(simulation)

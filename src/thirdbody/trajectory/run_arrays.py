@@ -10,6 +10,7 @@ import os
 import tomllib
 import weakref
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self, TypeVar
@@ -83,6 +84,13 @@ class RunArrays:
     def scene_text(self) -> str:
         """Resolved scene as the run used it."""
         return str(self.header["scene_text"])
+
+    @cached_property
+    def scene_tables(self) -> dict[str, Any]:
+        """Its tables; empty where it is no TOML."""
+        with suppress(KeyError, tomllib.TOMLDecodeError):
+            return tomllib.loads(self.scene_text)
+        return {}
 
     @cached_property
     def times(self) -> np.ndarray:
@@ -162,9 +170,8 @@ class RunArrays:
         if "populations" in self.header:
             return list(self.header["populations"])
         try:  # of earlier versions: material and kind, numbered where they repeat
-            tables = tomllib.loads(self.scene_text).get("debris", [])
-            plain = [f"{table['material']} ({table.get('kind', 'irregular')})" for table in tables]
-        except (tomllib.TOMLDecodeError, KeyError, TypeError, AttributeError):
+            plain = [f"{table['material']} ({table.get('kind', 'irregular')})" for table in self.scene_tables.get("debris", [])]
+        except (KeyError, TypeError, AttributeError):
             return []
         before = [plain[:k].count(name) for k, name in enumerate(plain)]
         return [f"{name} {count + 1}" if count else name for name, count in zip(plain, before, strict=True)]
@@ -260,17 +267,7 @@ class RunArrays:
         return self.surfaces.get(plate)
 
     def surface_position(self, plate: str, frame: int = -1) -> np.ndarray:
-        """Return the position of the origin of a plate's surface in one frame, of a patched plate at its mean height.
-
-        Parameters
-        ----------
-        plate : {lower, upper}
-        frame : int, negative ones count from the end
-
-        Returns
-        -------
-        ndarray (3,), displacement along x and y, and height of the mean plane [m]
-        """
+        """Return the displacement of a plate's surface along x and y, and the height of its mean plane, (3,) [m]."""
         return np.array(self.plates(frame)[POSITION][4 if plate == "upper" else 0])
 
     @cached_property
@@ -334,36 +331,12 @@ class RunArrays:
         return self.steady(lambda: self._blocks[block].array(name, number))
 
     def rows(self, block: str, frame: int = -1) -> int:
-        """Return the number of rows of one block in one frame.
-
-        Parameters
-        ----------
-        block : {spheres, clumps, contacts, plates}, the bodies are `clumps`
-        frame : int, negative ones count from the end
-
-        Returns
-        -------
-        int
-        """
+        """Return the number of rows of one block in one frame."""
         number = self.frame_number(frame)
         return self.steady(lambda: self._blocks[block].rows(number))
 
     def frame_number(self, frame: int) -> int:
-        """Return the frame number counted from 0.
-
-        Parameters
-        ----------
-        frame : int, negative ones count from the end
-
-        Returns
-        -------
-        int, 0 to F - 1
-
-        Raises
-        ------
-        IndexError, TypeError
-            There is no such frame; the number is not whole.
-        """
+        """Return the frame number counted from 0. Raises IndexError for one that is not there, TypeError for no whole number."""
         try:
             frame = operator.index(frame)
         except TypeError:
