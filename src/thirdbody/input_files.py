@@ -39,7 +39,7 @@ def refuse(faults: Iterable[Fault], total: int | None = None) -> None:
     raise InputError(faults[:SHOWN] + summary)
 
 
-def read_bytes(path: str | os.PathLike[str], key: str = "", what: str = "file", most: int = MAX_BYTES) -> bytes:
+def read_bytes(path: str | os.PathLike[str], key: str = "", what: str = "file", largest: int = MAX_BYTES) -> bytes:
     """Return the bytes of a file. InputError: one fault with the path, if it is missing, no file, too large, or not readable."""
     try:
         info = os.stat(path)
@@ -47,8 +47,8 @@ def read_bytes(path: str | os.PathLike[str], key: str = "", what: str = "file", 
             reason = f"is a folder, expected a {what}"
         elif not stat.S_ISREG(info.st_mode):  # a pipe without a writer would block forever
             reason = f"is a device, expected a {what}"
-        elif info.st_size > most:
-            reason = f"has {info.st_size / 1e6:.1f} MB, at most {most / 1e6:.0f} MB are read"
+        elif info.st_size > largest:
+            reason = f"has {info.st_size / 1e6:.1f} MB, at most {largest / 1e6:.0f} MB are read"
         else:
             with open(path, "rb") as file:
                 return file.read()

@@ -128,17 +128,9 @@ PUBLIC = {name: getattr(thirdbody, name) for name in (*thirdbody.__all__, "balan
 PUBLIC |= functions_of(thirdbody.Run) | functions_of(thirdbody.Scene)
 PUBLIC |= {f"plugin.{name}": getattr(getattr(plugin, name), "py_func", getattr(plugin, name)) for name in plugin.__all__}
 INTERNAL = {
-    "Run.steady",
-    "Run.rows",
-    "Run.frame_number",
-    "Run.surface_position",
-    "Scene.suggestion",
-    "Scene.rules",
-    "Scene.checks",
-    "Scene.arrange",
-    "Scene.beside",
-    "Scene.fault",
-}
+    "Run.steady", "Run.rows", "Run.frame_number", "Run.surface_position", "Scene.suggestion", "Scene.rules", "Scene.checks",
+    "Scene.arrange", "Scene.beside", "Scene.fault",
+}  # fmt: skip
 """Public by name, for other parts of thirdbody only."""
 DECORATORS = {"plugin.kernel", "plugin.helper"}
 """Made by numba; what they do stands where they are set."""

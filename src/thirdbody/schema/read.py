@@ -69,7 +69,7 @@ def read_text(path: str | os.PathLike[str]) -> str:
     InputError
         With the reason why it cannot be read.
     """
-    data = read_bytes(path, what="scene file", most=MAX_BYTES)
+    data = read_bytes(path, what="scene file", largest=MAX_BYTES)
     try:
         return data.decode("utf-8-sig")  # some editors write a byte order mark
     except UnicodeDecodeError as error:

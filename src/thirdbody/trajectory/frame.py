@@ -268,3 +268,6 @@ class Selection(NamedTuple):
         """Return how the arrays of a block are stored."""
         # float32 for the velocities of spheres: their motion follows from the clump's, which is stored in full precision
         return Storage(self.single or block == "spheres", self.single, self.compress and block in ("clumps", "spheres"))
+
+
+EVERYTHING = Selection()

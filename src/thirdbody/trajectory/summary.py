@@ -94,27 +94,21 @@ def energy_verdict(summary: Mapping[str, Any], solver: Mapping[str, Any]) -> str
         reason = _reason(summary, solver)
         report.append(f"energy balance open by {residual:.1e} of the largest energy (above {CLOSED:g}): {reason}")
     if abs(fraction) > MAX_NUMERICAL_LOSS:
-        done, why = (
-            "lost",
-            (
-                "it damps impacts and oscillations that are faster than its steps; a smaller solver.tolerance resolves them, and where "
-                'they are the question, solver.integrator = "explicit"'
-            ),
+        why = (
+            "it damps impacts and oscillations that are faster than its steps; a smaller solver.tolerance resolves them, and "
+            'where they are the question, solver.integrator = "explicit"'
         )
         if fraction < 0.0:
-            done, why = (
-                "made",
-                (
-                    "steps are too long, or a contact law creates energy; a smaller solver.tolerance or solver.largest_step is needed"
-                ),
+            why = (
+                "steps are too long, or a contact law creates energy; a smaller solver.tolerance or solver.largest_step is needed"
             )
         elif solver.get("inertia") is False:
             why = (
-                "without inertia nothing carries the energy that is set free where a body tips or a spot snaps, and it is lost at "
-                "once; with solver.inertia = true dashpots and friction take it, in their own time"
+                "without inertia nothing carries the energy that is set free where a body tips or a spot snaps, and it is lost "
+                "at once; with solver.inertia = true dashpots and friction take it, in their own time"
             )
-        what = f"the implicit integrator itself {done} {100.0 * abs(fraction):.1f} % of the energy (line `numerical`)"
-        report.append(f"{what}: {why}")
+        lost = f"{'lost' if fraction > 0.0 else 'made'} {100.0 * abs(fraction):.1f} % of the energy (line `numerical`)"
+        report.append(f"the implicit integrator itself {lost}: {why}")
     return "; ".join(report) or None
 
 

@@ -39,7 +39,7 @@ import numpy as np
 from thirdbody.errors import InputError, OutputError
 from thirdbody.surfaces.surface import Surface
 from thirdbody.trajectory.blocks import PAGE, VERSION, Block, Column, Sink, growing
-from thirdbody.trajectory.frame import Selection
+from thirdbody.trajectory.frame import EVERYTHING, Selection
 from thirdbody.trajectory.names import BLOCKS, MAPS, POSITION, PROFILE_GROUP, STATIC_TEXT, SUMMARY_TEXT, SURFACES, Arrays, Frame
 from thirdbody.trajectory.open_file import damage_as_fault
 from thirdbody.trajectory.read_blocks import read_maps
@@ -69,7 +69,7 @@ class TrajectoryWriter:
 
     def __init__(
         self, path: str | Path, header: Mapping[str, Any], static: Mapping[str, Arrays], copy_of: tuple[Path, int] | None = None,
-        surfaces: Mapping[str, Surface] = MappingProxyType({}), selection: Selection = Selection(),
+        surfaces: Mapping[str, Surface] = MappingProxyType({}), selection: Selection = EVERYTHING,
     ):  # fmt: skip
         missing = [name for name in ("scene_text", "state_names", "reason_names", "units") if name not in header]
         if missing:
@@ -114,7 +114,7 @@ class TrajectoryWriter:
     @classmethod
     def resume(
         cls, path: str | Path, frames: int, header: Mapping[str, Any] | None = None, between: Callable[[], None] = lambda: None,
-        selection: Selection = Selection(),
+        selection: Selection = EVERYTHING,
     ) -> TrajectoryWriter:  # fmt: skip
         """Return a writer that continues after the first `frames` frames of an existing file; the others are dropped.
 
