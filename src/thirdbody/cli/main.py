@@ -260,18 +260,9 @@ def surface(
     json: Json = False,
 ) -> None:
     """Describe a measured surface or that of a scene's plate, convert it to NPZ, draw it."""
-    from thirdbody.report import surface as report
+    from thirdbody.report.surface import surface_report
 
-    targets = out or []
-    report.check_targets(path, targets, plate, unit or spacing)
-    if path.suffix.lower() in report.SCENES:
-        one = report.describe_plate(path, plate, override_pairs(settings), plugin or (), targets)
-    else:
-        one = report.describe_scan(path, unit, spacing, targets)
-    report.surface_report(one, json)
-    report.draw_described(one, targets)
-    for target in targets:
-        print_line(target, err=json)
+    surface_report(path, out or [], plate, (unit, spacing), override_pairs(settings), plugin or (), json)
 
 
 app.command(cls=Command)(sweep)
