@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from thirdbody.cli.command_group import Command, Group
-from thirdbody.cli.option_groups import Execution, Image, Json, MeshFit, Plugins, Settings, grouped, override_pairs
+from thirdbody.cli.option_groups import Execution, Image, Json, MeshFit, Plugins, Settings, grouped, override_pairs, seconds_of
 from thirdbody.cli.starter_files import new
 from thirdbody.cli.studies import cost, sweep
 from thirdbody.errors import GuardStop, Interrupted, ThirdbodyError, UsageError
@@ -291,20 +291,10 @@ def laws(
 
 
 def _wall_times(execution: Execution) -> Any:
-    from thirdbody import units
     from thirdbody.runner.run_loop import WallTimes
 
-    result = {}
-    given = (("--checkpoint-every", "every", execution.every), ("--wall-limit", "limit", execution.wall_limit))
-    for option, key, text in given:
-        if text is not None:
-            try:
-                result[key] = units.parse(text, "time")
-            except ValueError as error:
-                raise UsageError(f"{option}: {error}") from None
-            if result[key] < 0.0:
-                raise UsageError(f"{option}: {text} must be at least 0 s")
-    return WallTimes(**result)
+    given = {"every": ("--checkpoint-every", execution.every), "limit": ("--wall-limit", execution.wall_limit)}
+    return WallTimes(**{key: seconds_of(option, text) for key, (option, text) in given.items() if text is not None})
 
 
 def _execute(built: Any, folder: Path, execution: Execution, **options: Any) -> None:

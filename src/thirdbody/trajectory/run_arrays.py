@@ -8,14 +8,12 @@ from __future__ import annotations
 import operator
 import os
 import tomllib
-import weakref
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
-import h5py
 import numpy as np
 
 from thirdbody.errors import InputError
@@ -27,23 +25,20 @@ from thirdbody.trajectory.read_blocks import BlockReader, Named, RebuiltSpheres,
 Result = TypeVar("Result")
 
 
-class RunArrays:
+class RunArrays(OpenFile):
     """The arrays of a run, read from its file on demand; a context manager. SI units."""
 
     def __init__(self, path: str | Path):
-        self.path = Path(path) / FILE_NAME if os.path.isdir(path) else Path(path)
-        self._open = OpenFile(self.path)
-        # at the latest at exit: later HDF5 would use the stream of an interpreter that is gone, a segmentation fault
-        weakref.finalize(self, self._open.close)
+        super().__init__(Path(path) / FILE_NAME if os.path.isdir(path) else Path(path))
         try:
-            self._open.steady(self._connect)
+            self.steady(lambda: None)
         except BaseException:
             self.close()
             raise
 
     def _connect(self) -> None:
         """Open the file and read its headers; when an open file is reopened, its number of frames does not grow."""
-        self._open.connect()
+        super()._connect()
         with damage_as_fault(self.path):
             self.stored = Named((name, BlockReader(self.file["VTKHDF"][name], self.path)) for name in BLOCKS)
             self._blocks: dict[str, Any] = Named(self.stored)
@@ -62,15 +57,6 @@ class RunArrays:
             if "spheres" not in self.recorded:
                 self._blocks["spheres"] = RebuiltSpheres(self.stored["clumps"], self.stored["spheres"], self.path)
             self.frames: int = min(getattr(self, "frames", frames), frames)
-
-    @property
-    def file(self) -> h5py.File:
-        """The HDF5 file."""
-        return self._open.file
-
-    def steady(self, read: Callable[[], Result]) -> Result:
-        """Return the result of `read`; read the file again while it is being written."""
-        return self._open.steady(read, self._connect)
 
     def _steady(self, where: str, read: Callable[[], Result]) -> Result:
         """Return the result of `read`; report damage with its place, and read a file again while it is being written."""
@@ -345,10 +331,6 @@ class RunArrays:
             inside = f"from {-self.frames} to {self.frames - 1}" if self.frames else "none: nothing was written yet"
             raise IndexError(f"{self.path}: no frame {frame}; frames are {inside}")
         return frame % self.frames
-
-    def close(self) -> None:
-        """Close the file; may be called twice."""
-        self._open.close()
 
     def __len__(self) -> int:
         """Return the number of frames."""
