@@ -35,8 +35,8 @@ def frame_maker(simulation: Simulation, ledger: Ledger) -> FrameMaker:
     state, integrator, labeller = simulation.state, simulation.integrator, simulation.labeller
     drag, profiler, bed, means = np.array([*integrator.drag, 0.0]), None, None, None
     if (profiles := simulation.scene.output.profiles) is not None:
-        labels = (lambda: integrator.label()[:, 0], labeller.states) if labeller else ()
-        profiler = Profiler(profiles.bins, AXES.index(profiles.axis), *labels)
+        labels = (lambda: integrator.label()[:, 0]) if labeller else None
+        profiler = Profiler(profiles.bins, AXES.index(profiles.axis), labels, labeller.states if labeller else ())
     if is_bed(simulation):
         assert simulation.bed is not None  # debris meets below an upper plate
         bed, samplers = BedMeasures(state, simulation.bed.modulus), dict[str, Sampler](velocity=body_velocities)

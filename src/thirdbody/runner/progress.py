@@ -48,7 +48,7 @@ def reporting(progress: bool | Reporter, title: str, first: Iterable[str] = ()) 
     The first one draws while standard error can be written to, after the lines `first`.
     """
     if progress is not True or sys.stderr is None:  # the program was started without one; print would take standard output
-        yield progress if callable(progress) else None
+        yield None if isinstance(progress, bool) else progress
         return
     with suppress(OSError):  # a closed or full stream ends no run
         for line in first:
