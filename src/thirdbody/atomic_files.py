@@ -3,9 +3,10 @@
 import os
 import shutil
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from fnmatch import fnmatchcase
 from pathlib import Path, PurePosixPath
+from typing import BinaryIO
 
 from thirdbody.errors import OutputError
 
@@ -84,13 +85,21 @@ def write_output(path: Path, content: bytes) -> None:
         raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
 
 
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file atomically, replacing a link too. Raises OSError when it cannot be written."""
+@contextmanager
+def new_file(path: Path) -> Iterator[BinaryIO]:
+    """Yield a file to write and read, renamed to `path` on success; it replaces a link too. Raises OSError; then `path` stays."""
     beside = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         beside.unlink(missing_ok=True)
-        with open(beside, "xb") as file:  # a new file: never the target of a link
-            file.write(content)
+        with open(beside, "x+b") as file:  # a new file: never the target of a link
+            yield file
         os.replace(beside, path)
     finally:
-        beside.unlink(missing_ok=True)
+        with suppress(OSError):  # a read-only folder refuses that too
+            beside.unlink(missing_ok=True)
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file atomically. Raises OSError when it cannot be written."""
+    with new_file(path) as file:
+        file.write(content)

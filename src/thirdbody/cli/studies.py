@@ -6,7 +6,7 @@ from typing import Annotated, Any, NamedTuple
 
 import typer
 
-from thirdbody.cli.option_groups import Cluster, Json, Plugins, Quiet, Settings, Study, grouped, override_pairs
+from thirdbody.cli.option_groups import Cluster, Json, Plugins, Quiet, Settings, Study, grouped, override_pairs, seconds_of
 from thirdbody.errors import UsageError
 from thirdbody.system.terminal import print_line
 
@@ -27,7 +27,6 @@ def cost(
     json: Json = False,
 ) -> None:
     """Compare accuracy and run time of the laws, springs, time steps and integrators that a scene can use."""
-    from thirdbody import units
     from thirdbody.plot.figures import FORMATS, checked_path
     from thirdbody.studies.copies import StudySource
     from thirdbody.studies.cost_command import StudyOptions, cost_command
@@ -36,10 +35,7 @@ def cost(
         if not quiet:
             print_line(text, err=True)
 
-    try:
-        seconds = units.parse(study.budget, "time")
-    except ValueError as error:
-        raise UsageError(f"--budget: {error}") from None
+    seconds = seconds_of("--budget", study.budget)
     if not 0.0 < seconds <= LONGEST:
         raise UsageError(f"--budget {study.budget}: must be above 0 s and at most {LONGEST / 86400.0:g} days")
     only = tuple(study.only or ())

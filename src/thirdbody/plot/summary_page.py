@@ -15,7 +15,7 @@ from thirdbody.errors import InputError, UsageError
 from thirdbody.plot import bed_panels, drag_panels
 from thirdbody.plot.figures import checked_path, save
 from thirdbody.plot.run_data import Panel, RunData
-from thirdbody.trajectory.run_file import RunFile, open_run
+from thirdbody.trajectory.run_file import RunFile
 from thirdbody.units import GLUE, MINUS, quantity_text, unit_for
 
 INK, SOFT = "#222222", "#5A626C"
@@ -41,7 +41,7 @@ def plot(run_path: str | Path, out: str | Path, panels: Sequence[str] | None = N
     written (no partial file remains).
     """
     out = checked_path(out)
-    with open_run(run_path) as run:
+    with RunFile(run_path) as run:
         save(page(run, panels, frame), out)
     return out
 

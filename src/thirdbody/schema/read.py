@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import stat
 import tomllib
 from bisect import bisect_right
 from collections.abc import Iterable
@@ -12,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from thirdbody.errors import SETTINGS, Fault, InputError
+from thirdbody.input_files import read_bytes
 from thirdbody.schema.parts import Location, Wrong, key_path
 
 MAX_BYTES = 4_000_000
@@ -69,31 +69,13 @@ def read_text(path: str | os.PathLike[str]) -> str:
     InputError
         With the reason why it cannot be read.
     """
-    name = os.fspath(path)
-    reason = ""
-    try:
-        info = os.stat(path)
-        if stat.S_ISDIR(info.st_mode):
-            reason = "is a folder, expected a scene file"
-        elif not stat.S_ISREG(info.st_mode):  # a pipe without a writer would block forever
-            reason = "is a device, expected a scene file"
-        elif info.st_size > MAX_BYTES:
-            reason = f"has {info.st_size / 1e6:.1f} MB; a scene has at most {MAX_BYTES / 1e6:.0f} MB"
-        else:
-            with open(path, "rb") as file:
-                data = file.read()
-    except FileNotFoundError:
-        reason = "no such file"
-    except (OSError, ValueError) as error:  # ValueError: a null byte in the name
-        reason = f"cannot be read: {getattr(error, 'strerror', error)}"
-    if reason:
-        raise InputError(Fault("", reason, name))
+    data = read_bytes(path, what="scene file", largest=MAX_BYTES)
     try:
         return data.decode("utf-8-sig")  # some editors write a byte order mark
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         column = len(data[: error.start].rpartition(b"\n")[2].decode("utf-8", "replace")) + 1
-        raise InputError(Fault("", "is not UTF-8 text: save it as UTF-8", name, line, column)) from None
+        raise InputError(Fault("", "is not UTF-8 text: save it as UTF-8", os.fspath(path), line, column)) from None
 
 
 _WHERE = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
