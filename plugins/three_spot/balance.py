@@ -38,7 +38,7 @@ from thirdbody.plugin import (
     seat,
 )
 
-from . import LABELLER, THREE_SPOT, conditions
+from . import LABELLER, THREE_SPOT
 from .balance_file import BalanceFile, Spots
 from .forecast import forecast
 
@@ -50,7 +50,7 @@ UNDECIDED = 1e-3
 """Unbalanced fraction of the forces below which a failed search is inconclusive: where a particle tips, 2 to 20 % were left,
 where a law was too rough for the solver, 1e-6."""
 MISMATCH = 0.01  # Dundurs' beta below which there is no warning of the coupling of normal and tangential contact
-TOUCHING = 1e-12  # gap over the size of the particle that counts as rounding
+TOUCHING = 1e-12  # gap over the size of the particle, and difference of frictions, that count as rounding
 LARGE = 0.1  # overlap over radius beyond which Hertz's theory is inaccurate
 DEFAULT_LEVEL = "exact"
 
@@ -344,16 +344,17 @@ def _forecast(document: BalanceFile, path: _Path) -> Forecast:
     load = float(first.answer.normal[up].sum()) if first is not None else 0.0
     ratio = document.particle.weight / load if load > 0.0 else 0.0
     if path.planar:
-        # the theory drags toward -x: positions along the opposite of the drag
-        over, under = ((-heading[0] * side[:, 0]).tolist() for side in (above, below))
-        low, high = conditions.planar_interval(over, under, h, ratio)
+        # the resultant of a side acts between its outermost spots, wherever elasticity puts it, and the weight at the centre of
+        # mass: N p - (N + m g) q = T h (Eqs. 1 and 2, drag toward -x), so T/N lies in an interval
+        p, q = -heading[0] * above[:, 0], (1.0 + ratio) * (-heading[0] * below[:, 0])
+        low, high = (p.min() - q.max()) / h, (p.max() - q.min()) / h
         required = max(low, -high, 0.0)
     else:
         ratio = 0.0
         p, q = (np.ascontiguousarray(side[:, :2]) for side in (above, below))
         required, low, high = forecast(p, len(p), q, len(q), h, heading[0], heading[1])
-    limit = conditions.friction_limit(friction.upper, friction.lower, ratio)
-    slack = conditions.ROUND_OFF * float(np.ptp(position[:, :2], axis=0).max()) / h
+    limit = min(friction.upper, friction.lower * (1.0 + ratio))  # both sides slide at equality (Eq. 20)
+    slack = TOUCHING * float(np.ptp(position[:, :2], axis=0).max()) / h
     possible = ["sticking"] if required <= limit + slack else []
     possible += ["sliding"] if low - slack <= limit <= high + slack else []
     ever = bool(np.isfinite([low, high]).all())

@@ -14,40 +14,16 @@ What every level neglects: README.md, "Levels".
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
-from thirdbody.plugin import (
-    RENEWAL,
-    Contact,
-    Law,
-    Load,
-    Option,
-    Options,
-    Tangential,
-    e_star,
-    g_star,
-    helper,
-    kernel,
-    moved_ground,
-    renewal_rate,
-    renewed,
-)
+from thirdbody.plugin import RENEWAL, Contact, Law, Load, Option, Tangential, helper, kernel, moved_ground, renewed
 
 from .exact_springs import advance_springs, carry_field, carry_springs, cell_means, renewal_loss, spring_energy, spring_force
+from .mdr import SpringParameters, mix_springs, whole
 from .spring_field import GAUSS, FieldStep, advance_field, field_energy, field_force, piece_mean
 
 STEP = 1e-6  # relative step of differences: half the digits of the forces remain
-
-
-class ExactParameters(NamedTuple):
-    """G* of the paper [Pa]; friction; kappa = mu E*/G* (Willert, Eqs. 13, 14); renewal in rolling per contact radius."""
-
-    g_star: float
-    mu: float
-    kappa: float
-    renewal: float
 
 
 @helper
@@ -260,28 +236,17 @@ NODES = Option(
 )  # fmt: skip
 
 
-def width(options: Options) -> int:
-    """Number of floats of the field: three per node. Raises ValueError for a non-integer number of nodes."""
-    nodes = options["nodes"]
-    if nodes % 1.0 != 0.0:
-        raise ValueError(f"nodes = {nodes:g} must be a whole number")
-    return 3 * int(nodes)
-
-
 EXACT = Law(
     name="exact",
     stage="tangential",
     assumes="hertz",
     kernel=exact,
     tangent=exact_tangent,
-    parameters=ExactParameters,
-    mix=lambda pair, options: ExactParameters(
-        g_star(pair.a, pair.b), pair.friction, pair.friction * e_star(pair.a, pair.b) / g_star(pair.a, pair.b),
-        renewal_rate(pair, options),
-    ),
+    parameters=SpringParameters,
+    mix=mix_springs,
     options=(NODES, RENEWAL),
     history=("overlap", "nodes", "force_x", "force_y", "offset_x", "offset_y", "reach", "dropped"),
-    field=width,
+    field=lambda options: 3 * whole(options, "nodes"),
     rolls=True,
     source="Aleshin et al. 2015; Popov and Hess 2015; Willert, Self-consistency conditions in static three-body contact",
 )  # fmt: skip
