@@ -23,6 +23,7 @@ from thirdbody.plugin import (
     Balance,
     Contacts,
     Grip,
+    Material,
     NoStaticState,
     Pair,
     QuasiStatic,
@@ -183,8 +184,9 @@ def balance(source: str | os.PathLike[str] | Mapping[str, Any] | BalanceFile, le
     else:
         document = BalanceFile(**source) if isinstance(source, Mapping) else BalanceFile.load(source)
     spots = document.spots()
-    # the particle against either body; the restitution is 1, as there are no impacts
-    built = {side: getattr(document.materials, side).material(side) for side in ("lower", "upper", "particle")}
+    # the particle against either body; a restitution and densities that are irrelevant without impacts and acceleration
+    solids = {side: getattr(document.materials, side) for side in ("lower", "upper", "particle")}
+    built = {side: Material(side, solid.shear(), solid.poisson_ratio, 1.0) for side, solid in solids.items()}
     lower, upper = (Pair(built["particle"], built[side], getattr(document.friction, side), 1.0) for side in ("lower", "upper"))
     path = _Path(document, spots, (lower, upper), level)
     stopped = path.follow()

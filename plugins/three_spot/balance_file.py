@@ -27,28 +27,27 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from thirdbody.plugin import (
-    Choice,
     Fault,
     InputError,
-    Material,
+    Length,
     Part,
+    PositiveLength,
     Quantity,
+    Solid,
+    Spot,
     Whole,
     Wrong,
     clump_with_frame,
     listing,
     matrix_from_quaternion,
     one_of,
-    read_text,
-    read_toml,
-    wrongs_of,
+    read_part,
 )
 
 VERSION = 1
@@ -57,31 +56,8 @@ MAX_SPHERES = 100
 MAX_SPOTS = 1000  # maximum number of candidates of a balance, whose equations are solved together
 
 Array = NDArray[np.float64]
-Length = Annotated[float, Quantity(dimension="length")]
-PositiveLength = Annotated[float, Quantity(dimension="length", gt=0)]
-PositivePressure = Annotated[float, Quantity(dimension="pressure", gt=0)]
 Friction = Annotated[float, Quantity(ge=0)]
 Number = Annotated[float, Quantity()]
-
-
-class Solid(Part):
-    """An isotropic elastic half-space or particle; moduli in Pa."""
-
-    youngs_modulus: PositivePressure | None = None
-    shear_modulus: PositivePressure | None = None
-    poisson_ratio: Annotated[float, Quantity(gt=-1, le=0.5)]
-
-    @classmethod
-    def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
-        """One of the two moduli."""
-        return one_of(raw, ("youngs_modulus", "shear_modulus"))
-
-    def material(self, name: str) -> Material:
-        """Return the material of the contact laws; its density is irrelevant without acceleration."""
-        if self.shear_modulus is not None:
-            return Material(name, self.shear_modulus, self.poisson_ratio, 1.0)
-        assert self.youngs_modulus is not None  # one of the two is given: `rules`
-        return Material(name, 0.5 * self.youngs_modulus / (1.0 + self.poisson_ratio), self.poisson_ratio, 1.0)
 
 
 class Materials(Part):
@@ -97,16 +73,6 @@ class Frictions(Part):
 
     upper: Friction
     lower: Friction
-
-
-class Spot(Part):
-    """A summit bound to a side: its place from the centre of mass, and its radius of curvature, m."""
-
-    side: Annotated[Literal["lower", "upper"], Choice()]
-    x: Length
-    y: Length = 0.0
-    z: Length
-    radius: PositiveLength
 
 
 class Ball(Part):
@@ -207,18 +173,7 @@ class BalanceFile(Part):
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> BalanceFile:
         """Read the particle in a TOML file. Raises InputError with every fault, each with file, line and column."""
-        document, source = read_toml(read_text(path), os.fspath(path))
-        wrongs: list[Wrong] = []
-        if "balance" not in document:
-            document["balance"] = VERSION  # continue, so that the other faults are reported, too
-            wrongs.append((("balance",), f"required key is missing: write balance = {VERSION}"))
-        try:
-            result = cls.model_validate(document, context={"file": True})
-        except ValidationError as error:
-            wrongs += wrongs_of(error)
-        if wrongs:
-            raise InputError(source.in_order(wrongs))
-        return result
+        return read_part(cls, path, "balance", VERSION)
 
     def spots(self) -> Spots:
         """Return the spots of the particle. Raises InputError for a clump in several parts."""
