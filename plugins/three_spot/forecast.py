@@ -155,17 +155,12 @@ def on_slopes(C: Array, n: int) -> bool:
 @helper
 def side_positions(C: Array, n: int, side: int) -> Array:
     """(m, 2): x, y of the spots of a side from the centre of mass [m]; of `MANY` and more, the corners of their hull."""
-    m = 0
-    for i in range(n):
-        if side_of(C, i) == side:
-            m += 1
-    positions = np.empty((m, 2))
-    m = 0
+    positions, m = np.empty((n, 2)), 0
     for i in range(n):
         if side_of(C, i) == side:
             positions[m, 0], positions[m, 1] = C[i, loaded_contact.POINT], C[i, loaded_contact.POINT + 1]
             m += 1
-    return positions if m < MANY else hull_corners(positions)
+    return positions[:m] if m < MANY else hull_corners(positions[:m])
 
 
 @helper
