@@ -26,7 +26,6 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
@@ -34,6 +33,7 @@ from numpy.typing import NDArray
 
 from thirdbody.plugin import (
     Fault,
+    Grip,
     InputError,
     Length,
     Part,
@@ -140,24 +140,10 @@ class Path(Part):
         return self.direction[0] / size, self.direction[1] / size
 
 
-class CloseSpots(Part):
-    """The effect of this name of a scene; it has no options."""
-
-
 class Effects(Part):
     """Effects of a balance, absent unless named. Of those of a scene no other belongs to a quasi-static path of Hertz' spots."""
 
-    close_spots: CloseSpots | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Spots:
-    """Spots of a particle: place (n, 3) from its centre of mass [m], radius (n,) [m], upper (n,) bool."""
-
-    position: Array
-    radius: Array
-    upper: NDArray[np.bool_]
-    planar: bool
+    close_spots: Part | None = None
 
 
 class BalanceFile(Part):
@@ -175,12 +161,20 @@ class BalanceFile(Part):
         """Read the particle in a TOML file. Raises InputError with every fault, each with file, line and column."""
         return read_part(cls, path, "balance", VERSION)
 
-    def spots(self) -> Spots:
-        """Return the spots of the particle. Raises InputError for a clump in several parts."""
-        flat = self.path.heading()[1] == 0.0
+    def spots(self) -> tuple[Grip, Array]:
+        """Return the spots of the particle, and their radii (n,) [m]. Raises InputError for a clump in several parts."""
         if (spots := self.particle.spots) is not None:
-            position, upper = np.array([(s.x, s.y, s.z) for s in spots]), np.array([s.side == "upper" for s in spots])
-            return Spots(position, np.array([s.radius for s in spots]), upper, flat and not position[:, 1].any())
+            position, up = np.array([(s.x, s.y, s.z) for s in spots]), np.array([s.side == "upper" for s in spots])
+            radius, flat = np.array([s.radius for s in spots]), not position[:, 1].any()
+        else:
+            position, radius, flat = self._summits()
+            up = np.arange(len(radius)) % 2 == 0
+        z = position[:, 2]
+        gap = np.where(up, z[up].max() - z, z - z[~up].min())
+        return Grip(position, gap, up, self.particle.weight, bool(flat and self.path.heading()[1] == 0.0)), radius
+
+    def _summits(self) -> tuple[Array, Array, bool]:
+        """Return place and radius of the candidates of a clump, and whether it lies in the plane y = 0."""
         balls = self.particle.clump or ()
         center, radius = np.array([b.center for b in balls]), np.array([b.radius for b in balls])
         try:
@@ -188,11 +182,11 @@ class BalanceFile(Part):
         except InputError as problem:
             raise InputError([Fault("particle.clump", fault.message) for fault in problem.faults]) from None
         rotation = np.array(self.particle.quaternion or (1.0, 0.0, 0.0, 0.0))
-        planar = bool(flat and not center[:, 1].any() and rotation[1] == 0.0 == rotation[3])
+        flat = not center[:, 1].any() and rotation[1] == 0.0 == rotation[3]
         arm = (center - centroid) @ matrix_from_quaternion(rotation / np.linalg.norm(rotation)).T
-        if planar:
+        if flat and self.path.heading()[1] == 0.0:
             arm[:, 1] = 0.0  # the centroid of coplanar spheres is off their plane by rounding only
         position = np.repeat(arm, 2, axis=0)
         position[::2, 2] += radius
         position[1::2, 2] -= radius
-        return Spots(position, np.repeat(radius, 2), np.arange(2 * len(radius)) % 2 == 0, planar)
+        return position, np.repeat(radius, 2), flat
