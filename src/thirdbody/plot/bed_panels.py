@@ -13,7 +13,7 @@ from thirdbody.palette import SPARE_COLORS
 from thirdbody.plot.run_data import BETWEEN, PERCENT, Panel, RunData, label_axis, no_labels
 from thirdbody.trajectory.bed import WORDS, accommodation_fractions, short_accommodation_text
 from thirdbody.trajectory.states import POPULATION, fractions_text, informative_groups, states_by_group
-from thirdbody.units import percent, quantity_text, scale_values, unit_for
+from thirdbody.units import percent, quantity_text, unit_for
 
 # -- states by group --
 
@@ -276,7 +276,9 @@ def _draw_utilisation(axes: Axes, data: RunData) -> None:
 
 
 def _draw_normal_force(axes: Axes, data: RunData) -> None:
-    values, unit = scale_values(data.contacts["normal_force"], "N")
+    values = data.contacts["normal_force"]
+    factor, unit = unit_for(values, "N")
+    values = values / factor
     ends = min(float(values.min()), 0.0), max(float(values.max()), 0.0) or 1.0
     _draw_stacked(axes, data, values, np.linspace(*ends, BINS + 1))
     axes.set_xlabel(f"normal force ({unit})")

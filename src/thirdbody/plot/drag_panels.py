@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from thirdbody.palette import LINE_COLORS as LINES
 from thirdbody.plot.run_data import PERCENT, Panel, RunData, label_axis, no_labels
 from thirdbody.trajectory.friction import force_on_plate, running_mean
-from thirdbody.units import percent, quantity_text, scale_values, unit_for
+from thirdbody.units import percent, quantity_text, unit_for
 
 # -- friction --
 
@@ -210,7 +210,8 @@ def _draw_line(axes: Axes, data: RunData, values: np.ndarray, unit: str, name: s
     whole = whole or not _changes(values)
     if not whole and np.nanmax(np.abs(values - values[0])) < SMALL * abs(values[0]):
         values, name = values - values[0], f"change of {name}"
-    values, unit = scale_values(values, unit)
+    factor, unit = unit_for(values, unit)
+    values = values / factor
     axes.plot(data.x, values, color=LINES["black"], linewidth=1.4)
     axes.ticklabel_format(axis="y", useOffset=False)
     label_axis(axes, data, f"{name} ({unit})")

@@ -25,7 +25,7 @@ from thirdbody.debris.mesh import Mesh
 from thirdbody.debris.registry import Debris, DebrisKinds, kinds_of
 from thirdbody.debris.spheres import Ball, Spheres
 from thirdbody.debris.spots import Spot, Spots
-from thirdbody.errors import Fault, InputError, OutputError
+from thirdbody.errors import Fault, OutputError
 from thirdbody.scene.checks import faults_between, number_faults, raw_faults
 from thirdbody.scene.motion import Constant as ConstantVelocity
 from thirdbody.scene.motion import Motion, Pause, Ramp, Stroke, Table
@@ -33,8 +33,8 @@ from thirdbody.scene.output import Output
 from thirdbody.scene.settings import apply_settings
 from thirdbody.scene.tables import Contact, Domain, Effects, LowerPlate, Material, Measures, PairTable, Plates, Solver, UpperPlate
 from thirdbody.schema.fields import Text, Whole, listing, plain
-from thirdbody.schema.parts import MISSING, Location, Part, Wrong, bundle, wrongs_of
-from thirdbody.schema.read import Source, read_text, read_toml
+from thirdbody.schema.parts import Location, Part, Wrong, bundle
+from thirdbody.schema.read import Source, checked, read_text, read_toml, with_version
 from thirdbody.schema.sizes import Constant, Lognormal, Normal, Uniform
 from thirdbody.schema.write import toml_text
 
@@ -164,22 +164,13 @@ class Scene(Part):
         """
         document, source = read_toml(text, name)
         source = source if folder is None else replace(source, folder=os.fspath(folder))
-        faults: list[Wrong] = []
-        if "scene" not in document:
-            document["scene"] = VERSION  # continue, so that the other faults are reported too
-            faults.append((("scene",), f"{MISSING}: write scene = {VERSION}"))
-        return cls._checked(document, source, faults, DebrisKinds(tuple(plugins)))
+        return cls._checked(document, source, with_version(document, "scene", VERSION), DebrisKinds(tuple(plugins)))
 
     @classmethod
     def _checked(
         cls, document: dict[str, Any], source: Source, faults: list[Wrong], kinds: DebrisKinds, file: bool = True
     ) -> Scene:
-        try:
-            scene = cls.model_validate(document, context={"file": file, "kinds": kinds})
-        except ValidationError as error:
-            faults = faults + wrongs_of(error)
-        if faults:
-            raise InputError(source.in_order(faults))
+        scene = checked(cls, document, source, faults, {"file": file, "kinds": kinds})
         scene._source, scene._kinds = source, kinds
         return scene
 

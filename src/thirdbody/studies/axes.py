@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
 from itertools import product
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 from pydantic import ValidationError, create_model
 
 from thirdbody import units
-from thirdbody.schema.fields import Choice, Count, as_float, show
+from thirdbody.schema.fields import Count, as_float, show
 from thirdbody.schema.parts import Location, Part, Wrong, wrongs_of
 from thirdbody.units import DIMENSIONS
 
@@ -21,7 +21,7 @@ _FIELDS: dict[str, Any] = {
     "from": (Any, ...),
     "to": (Any, ...),
     "count": (Count | None, None),
-    "scale": (Annotated[Literal["linear", "log", "whole"], Choice()], "linear"),
+    "scale": (Literal["linear", "log", "whole"], "linear"),
 }
 # Table `{from, to, count, scale}` of a key; `from` is no name in Python, hence the call.
 IntervalTable: Any = create_model("IntervalTable", __base__=Part, **_FIELDS)

@@ -14,9 +14,9 @@ from pydantic import ValidationError
 
 from thirdbody.errors import Fault, InputError
 from thirdbody.scene.settings import toml_value
-from thirdbody.schema.fields import Choice, Count, Seed, Text, Whole, listing
-from thirdbody.schema.parts import MISSING, Location, Part, Wrong, wrongs_of
-from thirdbody.schema.read import Source, read_text, read_toml
+from thirdbody.schema.fields import Count, Seed, Text, Whole, listing
+from thirdbody.schema.parts import Location, Part, Wrong, wrongs_of
+from thirdbody.schema.read import Source, read_text, read_toml, with_version
 from thirdbody.studies.axes import SAMPLED, Axis, Column, Settings, design_faults, read_column, settings_of_points
 from thirdbody.studies.results import DEFAULT
 
@@ -51,7 +51,7 @@ class SweepFile(Part):
     """
     points: Text | None = None
     """CSV file of points, instead of axes: keys in its header, a row per point. Example: "points.csv"."""
-    design: Annotated[Literal["grid", "zip", "sobol", "latin_hypercube"], Choice()] = "grid"
+    design: Literal["grid", "zip", "sobol", "latin_hypercube"] = "grid"
     """All combinations, values side by side, or samples. Example: "sobol"."""
     samples: Count | None = None
     """Number of points of a sampled design. Example: 64."""
@@ -59,7 +59,7 @@ class SweepFile(Part):
     """Seed of a sampled design. Example: 1."""
     results: Annotated[tuple[Text, ...], listing("a list of names")] = DEFAULT
     """Columns of the table. Example: ["friction_coefficient", "peak_pressure"]."""
-    keep: Annotated[Literal["all", "summary"], Choice()] = "all"
+    keep: Literal["all", "summary"] = "all"
     """What stays of each run: all of it, or its results only. Example: "summary"."""
 
     @classmethod
@@ -87,11 +87,7 @@ class Definition:
 def read_sweep(path: Path) -> Definition:
     """Return the sweep in a TOML file. Raises InputError with all faults of its own; the scene is not read."""
     document, source = read_toml(read_text(path), str(path))
-    wrongs: list[Wrong] = []
-    if "sweep" not in document:
-        document["sweep"] = VERSION
-        wrongs.append((("sweep",), f"{MISSING}: write sweep = {VERSION}"))
-    return _definition(document, source, path.parent, wrongs, from_file=True)
+    return _definition(document, source, path.parent, with_version(document, "sweep", VERSION), from_file=True)
 
 
 def is_sweep(path: Path) -> bool:
