@@ -136,7 +136,8 @@ def skirt(mesh: pyvista.StructuredGrid, z: float) -> pyvista.PolyData:
     bottom = np.insert(top[:, :2], 2, z, axis=1)
     k, n = np.arange(len(edge)), len(edge)
     after = np.roll(k, -1)
-    return pyvista.PolyData.from_regular_faces(np.concatenate([top, bottom]), np.column_stack([k, after, after + n, k + n]))
+    faces: Any = np.column_stack([k, after, after + n, k + n])
+    return pyvista.PolyData.from_regular_faces(np.concatenate([top, bottom]), faces)
 
 
 def draw_plate_map(run: RunFile, file: Path, options: Any) -> Path:
