@@ -11,6 +11,7 @@ from thirdbody.cli.option_groups import Execution, Image, Json, MeshFit, Plugins
 from thirdbody.cli.starter_files import new
 from thirdbody.cli.studies import cost, sweep
 from thirdbody.errors import GuardStop, Interrupted, ThirdbodyError, UsageError
+from thirdbody.plot import NAMES as PANELS
 from thirdbody.system.signals import stop_on_signal
 from thirdbody.system.terminal import guarded_streams, print_line, printable_output
 
@@ -175,7 +176,8 @@ def plot(
     run: Annotated[Path, typer.Argument(metavar="RUN|SWEEP", help="run folder or its run.vtkhdf, or folder of a sweep")],
     out: Annotated[Path, typer.Option("--out", "-o", help="picture file: .png, .pdf or .svg")] = Path("plot.png"),
     panel: Annotated[
-        list[str] | None, typer.Option("--panel", metavar="NAME", help="panel, or a series of the run [all that apply]")
+        list[str] | None,
+        typer.Option("--panel", metavar="NAME", help=f"{', '.join(PANELS)}, or a series of the run [all that apply]"),
     ] = None,
     frame: Annotated[int, typer.Option("--frame", help="frame of the contacts, negative from the end")] = -1,
     x: Annotated[str | None, typer.Option("--x", metavar="KEY", help="sweep: axis of the picture")] = None,
