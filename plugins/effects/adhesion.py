@@ -316,7 +316,7 @@ ADHESION = Law(
     source="Johnson, Kendall and Roberts 1971; Derjaguin, Muller and Toporov 1975; between: Schwarz 2003, Maugis 1992",
 )  # fmt: skip
 
-DMT = replace(
+DMT: Law = replace(
     ADHESION, stage="adhesion", kernel=dmt, tangent=dmt_tangent, parameters=DmtParameters, mix=mix_dmt, history=(), replaces="",
     reach=None, added_load=dmt_grip, variant=None, in_steps=None,
 )  # fmt: skip

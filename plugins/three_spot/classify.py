@@ -44,7 +44,7 @@ from .support import (
     support_of,
 )
 
-MEMORY = tuple(f"{column.name}[{k}]" for column in memory for k in range(column.width))
+MEMORY = tuple(f"{column.name}[{k}]" if column.width > 1 else column.name for column in memory for k in range(column.width))
 CONTACT_MEMORY, OUTPUTS = noted.names(), output.WIDTH
 
 STATES = ("free", "sticking", "sliding", "rolling")

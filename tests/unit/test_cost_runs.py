@@ -3,7 +3,7 @@
 import json
 import math
 import time
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -268,7 +268,7 @@ def test_a_copy_takes_the_time_that_it_is_made_for(file, tmp_path):
     scene = Scene.parse(copy.scene)
     assert scene.solver.distance < 4e-3 and "4 mm" in copy.reduction[0] and "the smallest that `auto` takes" in copy.reduction[-1]
     assert copy.base.kind == "explicit" and 0.0 < copy.base.step <= prepare(scene).state.dt
-    assert Copy.of(json.loads(json.dumps(copy.document()))) == copy
+    assert Copy.of(json.loads(json.dumps(asdict(copy)))) == copy
 
 
 def test_medians_and_how_far_they_may_be_off():

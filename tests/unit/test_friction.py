@@ -292,7 +292,9 @@ def test_words_for_what_limited_the_steps():
     steps = {"output": 60, "largest_step": 30, "error": 10}
     assert step_words({"steps_limited_by": steps}) == "output 60 %, largest step 30 %, error 10 %"
     assert step_words({"time_step": 1e-9}) == ""
-    run = SimpleNamespace(frames=0, header={"warnings": ["before"]}, series={"fraction_rolling": [0.1, 0.5, 0.2]})
+    run = SimpleNamespace(
+        frames=0, header={"warnings": ["before"]}, series={"fraction_rolling": [0.1, 0.5, 0.2]}, scene_tables={}
+    )
     summary = run_summary(Drag(run), friction_of(Drag(run)), None, {"patches_not_carried": 0, "warnings": ["at the end"]})
     assert summary["largest_fraction_rolling"] == 0.5  # over all frames
     before, at_end, rolled = summary["warnings"]

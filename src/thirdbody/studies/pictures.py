@@ -98,7 +98,7 @@ def _panels(sweep: SweepTable, shown: Average, names: Sequence[str] | None) -> l
         return [(_words(name), (name,)) for name in names or [name for name in ONE_BY_ONE if name in known][:3] or known[:3]]
     ever = [name for name in known if name.startswith(EVER)]
     states = [name for name in known if name.startswith(FRACTION) and name not in ever and np.nanmax(shown.values[name]) > 0.0]
-    panels = [(_words(name), (name,)) for name in ("friction_coefficient", *ever) if name in known]
+    panels: list[Panel] = [(_words(name), (name,)) for name in ("friction_coefficient", *ever) if name in known]
     if states:
         panels.insert(1, ("states at the end, fraction of the bodies", tuple(states)))
     return panels or [(_words(name), (name,)) for name in known[:3]]
@@ -218,7 +218,8 @@ def picture_of_study(built: Study) -> Figure:
     for axis, (label, color, marker) in AXES.items():
         here = [row for row in points if row.variant.axis == axis and row is not built.reference]
         if here:
-            axes.errorbar(*zip(*(points[row] for row in here), strict=True), xerr=_error_bars(here), fmt=marker, color=color,
+            x, y = zip(*(points[row] for row in here), strict=True)
+            axes.errorbar(x, y, xerr=_error_bars(here), fmt=marker, color=color,
                           markersize=6.5, elinewidth=1.0, capsize=2.0, label=label, markeredgecolor="white", markeredgewidth=0.6,
                           zorder=3)  # fmt: skip
     front = [row for row in efficient(built) if row in points]
