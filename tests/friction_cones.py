@@ -1,9 +1,9 @@
 """Balance of a wrench by friction cones, by linear programming: any weight, normals, and friction per spot.
 
-Reference of `hull_conditions` and `conditions`, which are exact where they hold. A cone is approximated by an inscribed pyramid
-of K edges; the circumscribed one is that of a friction larger by 1/cos(pi/K), so one search gives both ends of a bracket.
-Feasibility grows with friction, hence bisection. Imports nothing of thirdbody. Cf. static slip and sliding in E. Willert's Eqs.
-1 and 20, and force closure of grasps (R. M. Murray, Z. Li, S. S. Sastry 1994, chapter 5).
+Reference of `hull_conditions`, and of `three_spot_theory` in the plane, which are exact where they hold. A cone is approximated
+by an inscribed pyramid of K edges; the circumscribed one is that of a friction larger by 1/cos(pi/K), so one search gives both
+ends of a bracket. Feasibility grows with friction, hence bisection. Imports nothing of thirdbody. Cf. static slip and sliding
+in E. Willert's Eqs. 1 and 20, and force closure of grasps (R. M. Murray, Z. Li, S. S. Sastry 1994, chapter 5).
 
 Arrays: `points` (n, 3) [m], from the reference point of `moment` (the centre of mass); `normals` (n, 3), unit, into the
 particle; `mu` (n,); `pressed` (n,) bool, the spots (of one side) whose normal forces add up to `load` [N]: else zero forces are

@@ -4,7 +4,7 @@ With one friction mu (of two: the smaller one) and no weight the particle is a s
 P of the upper spots, the lower one in Q below, both on one line of action. So the force leans by q - p over the height h, and
 T/N = (q - p)/h for some point of the difference set {q - p}. Sticking needs a point within mu h of the origin; sliding along e
 the point mu h e itself, since every spot pulls the particle along e with mu N. Hulls may be segments or points. Weight adds a
-moment: see `conditions` in the plane and `friction_cones` in space. Generalises E. Willert's Eqs. 16, 19 and 20; nothing of
+moment: `three_spot_theory` in the plane, `friction_cones` in space. Generalises E. Willert's Eqs. 16, 19 and 20; nothing of
 thirdbody.
 
 Positions are (n, 2) arrays [m]; a direction needs no unit length."""
@@ -64,7 +64,7 @@ def required_friction(upper, lower, h):
 def sliding_interval(upper, lower, h, direction):
     """(t_min, t_max): the t for which t h e lies in {q - p}, e = drag of the upper body; `NEVER` = (inf, -inf) if none. The
     particle can slide along e iff t_min <= mu <= t_max; above t_max it tips, or rotates about the vertical. In the plane (e
-    toward -x) it is `conditions.planar_interval`."""
+    toward -x) it is `three_spot_theory.planar_interval`."""
     e, corners = np.asarray(direction, float) / math.hypot(*direction), difference_hull(upper, lower)
     along, across = corners @ e, corners[:, 1] * e[0] - corners[:, 0] * e[1]
     across[np.abs(across) <= TOLERANCE * np.max(np.hypot(*corners.T))] = 0.0

@@ -27,7 +27,6 @@ def _work(path, speed, depth, c, W, G, spots, opened):
             a, d = p * spot.WIDTH, depth[p] + path[t, p, 2]
             W[a + spot.X], W[a + spot.Y] = path[t, p, 0], path[t, p, 1]
             W[a + spot.OVERLAP] = max(d, 1e-12 * depth[p])
-            W[a + spot.SQUARE] = W[a + spot.RADIUS] * W[a + spot.OVERLAP]
         _solve(n, c, W, G, False, spots)
         stored = 0.0
         for p in range(n):
@@ -43,7 +42,7 @@ def _rows(place, depth, radius, stiffness):
     W = np.zeros((len(depth), spot.WIDTH))
     W[:, spot.NUMBER], W[:, spot.X], W[:, spot.Y] = np.arange(len(depth)), place[:, 0], place[:, 1]
     W[:, spot.RADIUS], W[:, spot.SPHERE_RADIUS], W[:, spot.OVERLAP] = radius, radius, depth
-    W[:, spot.SQUARE], W[:, spot.FACTOR] = radius * depth, stiffness / radius
+    W[:, spot.FACTOR] = stiffness / radius
     return W.ravel()
 
 

@@ -3,13 +3,12 @@
 Plain floats in, plain floats out, SI units. "Eq. n" is E. Willert, Self-consistency conditions in static three-body elastic
 tangential contact, with its misprints corrected: R_i for R_1 in Eq. 5, the bracket of Eqs. 7 and 8, mu_1/mu_2 in Eq. 20. Its
 signs: dh closes the gap, tilt phi about +y (into the page), w down, the drag and u positive toward -x; spot 1 above, 2 and 3
-below. `g_star` is the paper's G*, four times the G_eff of most DEM codes: k_t = 2 G* a = 8 G_eff a. Conditions with weight: signs
-of `plugins/three_spot/conditions.py`."""
+below. `g_star` is the paper's G*, four times the G_eff of most DEM codes: k_t = 2 G* a = 8 G_eff a."""
 
 import math
 from collections.abc import Sequence
 
-from thirdbody_three_spot.conditions import ROUND_OFF, planar_interval, required_scale
+ROUND_OFF = 1e-12  # relative difference of two frictions that are meant to be equal
 
 
 def shear_modulus(youngs_modulus: float, nu: float) -> float:
@@ -149,6 +148,39 @@ def tilted_state(
     return scale * sink, scale * tilt, (force, fraction * force, (1.0 - fraction) * force)
 
 
+# -- planar conditions with weight, many spots, two frictions --
+#
+# x from the centre of mass S, drag toward -x, t = T/N_1 with N_1 the load of the upper side, h the distance of the sides,
+# w = m g/N_1. The resultant of a side acts between its outermost spots, wherever elasticity puts it. N_1 p - (N_1 + m g) q = T h
+# (Eqs. 1 and 2, p above, q below, weight through S) then converts the extent of the spots into an interval of t.
+
+
+def planar_interval(upper: Sequence[float], lower: Sequence[float], h: float, weight_ratio: float = 0.0) -> tuple[float, float]:
+    """(t_min, t_max) of T/N_1 in balance: (min p - (1+w) max q)/h, (max p - (1+w) min q)/h. Spots at `upper`, `lower` [m].
+
+    Outside the interval a spot would have to pull: above t_max the particle tips and T/N_1 stays t_max. One spot above, two below
+    and w = 0 is `sliding_interval`; one below, Eq. 16.
+    """
+    press = 1.0 + weight_ratio
+    return (min(upper) - press * max(lower)) / h, (max(upper) - press * min(lower)) / h
+
+
+def required_scale(
+    upper: Sequence[float], lower: Sequence[float], h: float, mu_upper: float, mu_lower: float, weight_ratio: float = 0.0
+) -> float:
+    """Smallest s for which frictions s mu_upper, s mu_lower can hold the particle: min |t| over what both sides can transmit.
+
+    That is min(mu_upper, mu_lower (1 + w)); both slide at equality (Eq. 20). Sticking (static slip) is possible iff s <= 1; s =
+    |tan alpha|/mu on two spots (Eq. 19). inf when a side has no friction and t = 0 is out of reach.
+    """
+    low, high = planar_interval(upper, lower, h, weight_ratio)
+    minimum = max(low, -high, 0.0)
+    limit = min(mu_upper, mu_lower * (1.0 + weight_ratio))
+    if minimum == 0.0:
+        return 0.0
+    return minimum / limit if limit > 0.0 else math.inf
+
+
 def lower_resultant(x_upper: float, t: float, h: float, weight_ratio: float = 0.0) -> float:
     """Position q [m] of the lower resultant: (x_1 - t h)/(1 + w) (Eq. 2). The strut leans against the motion."""
     return (x_upper - t * h) / (1.0 + weight_ratio)
@@ -158,7 +190,7 @@ def sliding_sides(
     upper: Sequence[float], lower: Sequence[float], h: float, mu_upper: float, mu_lower: float, weight_ratio: float = 0.0
 ) -> tuple[str, ...]:
     """Sides on which the particle can slide under a drag toward -x: "upper", "lower", both or none. The weaker side slides, the
-    other sticks; both only at m g = N_1 (mu_1/mu_2 - 1) (Eq. 20). None: it rolls, since `friction_limit` lies outside
+    other sticks; both only at m g = N_1 (mu_1/mu_2 - 1) (Eq. 20). None: it rolls, since the limit of friction lies outside
     `planar_interval`."""
     low, high = planar_interval(upper, lower, h, weight_ratio)
     above, below = mu_upper, mu_lower * (1.0 + weight_ratio)

@@ -48,22 +48,16 @@ are lost as the neck forms; all of it is booked there, so that a neck that break
 FOLD = 1e-9  # least y^3 - 1 by which slopes are divided: they are infinite where the neck breaks
 
 
-class JkrParameters(NamedTuple):
-    """Parameters of contacts with necks, SI."""
+ONLY_NECKS = 1e300  # k of `jkr`: s = k/(1 + k) is 1 to the last bit
+
+
+class NeckParameters(NamedTuple):
+    """Parameters of contacts with necks and a constant pull, SI."""
 
     e_star: float  # Pa
     adhesion: float  # w/E*, m
-    grip: float  # load of friction beyond the force, over the radius, N/m
+    grip: float  # a third of the load of friction beyond the force if all is neck, over the radius, N/m
     part_steps: float  # 1 in explicit steps, 2 in implicit ones: jumps count from where they are within the step
-
-
-class AutoParameters(NamedTuple):
-    """Those of contacts with necks and a constant pull, SI."""
-
-    e_star: float
-    adhesion: float
-    grip: float
-    part_steps: float
     pull: float  # 2 pi w, N/m
     necks: float  # k = (mu/TRANSITION)^(3/2) over the root of the radius, 1/m^(1/2)
 
@@ -171,10 +165,24 @@ def loss_of(n, radius, e_star):
 
 
 @helper
-def with_neck(c, p, adhesion, pull, h):
-    """Force, area and energy of the neck; what the jumps lose is booked as the neck forms. adhesion: w/E* of the neck [m]; pull:
-    constant one beside it [N]; h: whether there was a neck; what it lost [J]."""
-    n = neck_since(c.overlap, c.overlap - c.moved, c.radius, adhesion, pull, h[0])
+def neck_fraction(k):
+    """Part s of the work of adhesion that makes the neck."""
+    return k / (1.0 + k)
+
+
+@helper
+def neck_of(c, p, joined):
+    """`Neck` of a contact, of the part of the work of adhesion that is Schwarz's short range, and the pull of the rest."""
+    fraction = neck_fraction(p.necks * math.sqrt(c.radius))
+    pull = (1.0 - fraction) * p.pull * c.radius
+    return neck_since(c.overlap, c.overlap - c.moved, c.radius, fraction * p.adhesion, pull, joined)
+
+
+@kernel
+def necks(c, p, h):
+    """Force, area and energy of the neck; what the jumps lose is booked as the neck forms. h: whether there was a neck; what it
+    lost [J]."""
+    n = neck_of(c, p, h[0])
     forms = n.joined * (1.0 - h[0])
     lost = forms * loss_of(n, c.radius, p.e_star)
     jumps = p.part_steps > 0.0 and c.moved != 0.0 and n.joined != h[0]
@@ -187,10 +195,10 @@ def with_neck(c, p, adhesion, pull, h):
     return answer, (n.joined, h[1] + lost)
 
 
-@helper
-def stiffness_with_neck(c, p, adhesion, pull, h):
-    """dF/dd of `with_neck` [N/m]: 2 E* a (y^3 - 3)/(y^3 - 1), negative beyond the largest pull; of a jump in an implicit step."""
-    n = neck_since(c.overlap, c.overlap - c.moved, c.radius, adhesion, pull, h[0])
+@kernel
+def necks_tangent(c, p, h):
+    """dF/dd [N/m]: 2 E* a (y^3 - 3)/(y^3 - 1), negative beyond the largest pull; of a jump in an implicit step."""
+    n = neck_of(c, p, h[0])
     force = force_of_a_jump(n, c.moved, n.joined, 0.0, c.radius, p.e_star)
     forms, breaks = (force_of(n, c.radius, p.e_star) - force) / max(c.moved, 1e-300), -force / min(c.moved, -1e-300)
     jumps, cube = p.part_steps > 0.0 and c.moved != 0.0 and n.joined != h[0], n.y * n.y * n.y
@@ -199,44 +207,9 @@ def stiffness_with_neck(c, p, adhesion, pull, h):
 
 
 @kernel
-def jkr(c, p, h):
-    """F, a and U of Johnson, Kendall and Roberts (`with_neck`)."""
-    return with_neck(c, p, p.adhesion, 0.0, h)
-
-
-@kernel
-def jkr_tangent(c, p, h):
-    return stiffness_with_neck(c, p, p.adhesion, 0.0, h)
-
-
-@kernel
-def jkr_grip(c, n, p):
-    """2 (3/2) pi w R while there is a neck [N]; none of the force of the step in which it breaks."""
-    return p.grip * c.radius if n.contact_radius > 0.0 else -n.force
-
-
-@helper
-def neck_fraction(k):
-    """Part s of the work of adhesion that makes the neck."""
-    return k / (1.0 + k)
-
-
-@kernel
-def auto(c, p, h):
-    """`with_neck` of the part of the work of adhesion that is Schwarz's short range, and the pull of the rest."""
-    fraction = neck_fraction(p.necks * math.sqrt(c.radius))
-    return with_neck(c, p, fraction * p.adhesion, (1.0 - fraction) * p.pull * c.radius, h)
-
-
-@kernel
-def auto_tangent(c, p, h):
-    fraction = neck_fraction(p.necks * math.sqrt(c.radius))
-    return stiffness_with_neck(c, p, fraction * p.adhesion, (1.0 - fraction) * p.pull * c.radius, h)
-
-
-@kernel
-def auto_grip(c, n, p):
-    """3 pi s w R of the neck, as `jkr_grip`, and the pull 2 pi (1 - s) w R [N]."""
+def necks_grip(c, n, p):
+    """Twice the pull-off force 3/2 pi s w R of the neck, and the pull 2 pi (1 - s) w R [N]; none of the force of the step in
+    which the neck breaks."""
     fraction = neck_fraction(p.necks * math.sqrt(c.radius))
     return p.grip * (2.0 + fraction) * c.radius if n.contact_radius > 0.0 else -n.force
 
@@ -264,17 +237,13 @@ def tabor_number(work_of_adhesion: float, modulus: float, radius: float, distanc
     return math.cbrt(radius * work_of_adhesion**2 / (modulus**2 * distance**3))
 
 
-def mix_jkr(pair: Pair, options: Options) -> JkrParameters:
-    """Return E*, w/E* and the load of friction of a pair."""
-    w, modulus = max(options["work_of_adhesion"], MIN_WORK), e_star(pair.a, pair.b)
-    return JkrParameters(modulus, w / modulus, 3.0 * math.pi * w if options["friction_load"] == "with_pull_off" else 0.0, 0.0)
-
-
-def mix_auto(pair: Pair, options: Options) -> AutoParameters:
+def mix_necks(pair: Pair, options: Options) -> NeckParameters:
     """Return the parameters of a pair: those of JKR, the pull of DMT, and how both are mixed."""
-    p, w = mix_jkr(pair, options), options["work_of_adhesion"]
-    necks = (tabor_number(max(w, MIN_WORK), p.e_star, 1.0, options["equilibrium_distance"]) / TRANSITION) ** 1.5
-    return AutoParameters(p.e_star, p.adhesion, p.grip / 3.0, p.part_steps, 2.0 * math.pi * w, necks)
+    w, modulus = max(options["work_of_adhesion"], MIN_WORK), e_star(pair.a, pair.b)
+    grip = 3.0 * math.pi * w if options["friction_load"] == "with_pull_off" else 0.0
+    k = (tabor_number(w, modulus, 1.0, options["equilibrium_distance"]) / TRANSITION) ** 1.5
+    k = ONLY_NECKS if options["model"] == "jkr" else k
+    return NeckParameters(modulus, w / modulus, grip / 3.0, 0.0, 2.0 * math.pi * options["work_of_adhesion"], k)
 
 
 def mix_dmt(pair: Pair, options: Options) -> DmtParameters:
@@ -291,8 +260,7 @@ def neck_length(pair: Pair, options: Options, radius: float) -> float:
 
 def pull_off_forces(pair: Pair, options: Options, radius: Any) -> Any:
     """Return the forces that part contacts of these effective radii (n,) [N]."""
-    by_number = neck_fraction(mix_auto(pair, options).necks * np.sqrt(radius))
-    fraction = {"jkr": 1.0, "dmt": 0.0, "auto": by_number}[options["model"]]
+    fraction = 0.0 if options["model"] == "dmt" else neck_fraction(mix_necks(pair, options).necks * np.sqrt(radius))
     return (2.0 - 0.5 * fraction) * math.pi * options["work_of_adhesion"] * radius
 
 
@@ -315,26 +283,21 @@ def tabor_remark(pair: Pair, options: Options, low: float, high: float) -> tuple
     return text, False
 
 
-def of_model(options: Options) -> Law | None:
-    """Return the law of one model where the scene chooses it, or None: by Tabor's number."""
-    return {"jkr": JKR, "dmt": DMT, "auto": None}[options["model"]]
-
-
 ADHESION = Law(
     name="adhesion",
     stage="normal",
-    kernel=auto,
-    tangent=auto_tangent,
-    parameters=AutoParameters,
-    mix=mix_auto,
+    kernel=necks,
+    tangent=necks_tangent,
+    parameters=NeckParameters,
+    mix=mix_necks,
     in_steps=lambda p, integrator: p._replace(part_steps={"explicit": 1.0, "implicit": 2.0}[integrator]),
     history=("joined", "adhesion_work"),
     replaces="hertz",
     reach=neck_length,
-    added_load=auto_grip,
+    added_load=necks_grip,
     pull_off=pull_off_forces,
     remark=tabor_remark,
-    variant=of_model,
+    variant=lambda options: DMT if options["model"] == "dmt" else None,
     options=(
         Option(
             "work_of_adhesion", "energy_per_area", None, low=0.0, pair_key="work_of_adhesion",
@@ -353,11 +316,7 @@ ADHESION = Law(
     source="Johnson, Kendall and Roberts 1971; Derjaguin, Muller and Toporov 1975; between: Schwarz 2003, Maugis 1992",
 )  # fmt: skip
 
-JKR = replace(
-    ADHESION, kernel=jkr, tangent=jkr_tangent, parameters=JkrParameters, mix=mix_jkr, added_load=jkr_grip, variant=None
-)  # fmt: skip
-
-DMT = replace(
+DMT: Law = replace(
     ADHESION, stage="adhesion", kernel=dmt, tangent=dmt_tangent, parameters=DmtParameters, mix=mix_dmt, history=(), replaces="",
     reach=None, added_load=dmt_grip, variant=None, in_steps=None,
 )  # fmt: skip

@@ -22,7 +22,7 @@ import numpy as np
 from thirdbody.plugin import (
     Balance,
     Contacts,
-    Grip,
+    Material,
     NoStaticState,
     Pair,
     QuasiStatic,
@@ -38,8 +38,8 @@ from thirdbody.plugin import (
     seat,
 )
 
-from . import LABELLER, THREE_SPOT, conditions
-from .balance_file import BalanceFile, Spots
+from . import LABELLER, THREE_SPOT
+from .balance_file import BalanceFile
 from .forecast import forecast
 
 NODES = 1024  # size of the history of a spot at level `exact`: a bend for each of some 1000 steps of pressing and drag
@@ -50,7 +50,7 @@ UNDECIDED = 1e-3
 """Unbalanced fraction of the forces below which a failed search is inconclusive: where a particle tips, 2 to 20 % were left,
 where a law was too rough for the solver, 1e-6."""
 MISMATCH = 0.01  # Dundurs' beta below which there is no warning of the coupling of normal and tangential contact
-TOUCHING = 1e-12  # gap over the size of the particle that counts as rounding
+TOUCHING = 1e-12  # gap over the size of the particle, and difference of frictions, that count as rounding
 LARGE = 0.1  # overlap over radius beyond which Hertz's theory is inaccurate
 DEFAULT_LEVEL = "exact"
 
@@ -182,33 +182,31 @@ def balance(source: str | os.PathLike[str] | Mapping[str, Any] | BalanceFile, le
         document = source
     else:
         document = BalanceFile(**source) if isinstance(source, Mapping) else BalanceFile.load(source)
-    spots = document.spots()
-    # the particle against either body; the restitution is 1, as there are no impacts
-    built = {side: getattr(document.materials, side).material(side) for side in ("lower", "upper", "particle")}
+    # the particle against either body; a restitution and densities that are irrelevant without impacts and acceleration
+    solids = {side: getattr(document.materials, side) for side in ("lower", "upper", "particle")}
+    built = {side: Material(side, solid.shear(), solid.poisson_ratio, 1.0) for side, solid in solids.items()}
     lower, upper = (Pair(built["particle"], built[side], getattr(document.friction, side), 1.0) for side in ("lower", "upper"))
-    path = _Path(document, spots, (lower, upper), level)
+    path = _Path(document, (lower, upper), level)
     stopped = path.follow()
     moduli = {
         side: {"e_star": e_star(p.a, p.b), "g_star": g_star(p.a, p.b), "dundurs_beta": dundurs_beta(p.a, p.b)}
         for side, p in (("lower", lower), ("upper", upper))
     }
-    warnings = _warnings(document, spots, path, moduli)
-    return Result(path.points, _forecast(document, path), moduli, level, spots.planar, stopped, warnings, path.seat())
+    warnings = _warnings(document, path, moduli)
+    return Result(path.points, _forecast(document, path), moduli, level, path.planar, stopped, warnings, path.seat())
 
 
 class _Path:
     """The particle along its path: solver, labels and the points so far."""
 
-    def __init__(self, document: BalanceFile, spots: Spots, pairs: tuple[Pair, Pair], level: str) -> None:
-        z, up = spots.position[:, 2], spots.upper
-        gap = np.where(up, z[up].max() - z, z - z[~up].min())
-        self.path, self.planar = document.path, spots.planar
+    def __init__(self, document: BalanceFile, pairs: tuple[Pair, Pair], level: str) -> None:
+        grip, radius = document.spots()
+        self.path, self.planar = document.path, grip.planar
         self.under_load = document.path.load is not None
-        grip = Grip(spots.position, gap, up, document.particle.weight, spots.planar)
         interaction = "close_spots" if document.effects.close_spots is not None else None
-        contacts = Contacts(THREE_SPOT.levels[level], pairs, up.astype(np.int64), spots.radius, {"nodes": NODES}, interaction)
+        contacts = Contacts(THREE_SPOT.levels[level], pairs, grip.upper.astype(np.int64), radius, {"nodes": NODES}, interaction)
         self.solver = QuasiStatic(grip, contacts, self.under_load)
-        self.limit = AT_LIMIT.get(level, ROUNDING) if spots.planar else SPATIAL_LIMIT
+        self.limit = AT_LIMIT.get(level, ROUNDING) if grip.planar else SPATIAL_LIMIT
         self.ring = RING.get(level, ANNULUS)
         self.balances: list[Balance] = []
         self.pressed = grip  # posture while pressed: the drag may rotate the particle further
@@ -344,23 +342,24 @@ def _forecast(document: BalanceFile, path: _Path) -> Forecast:
     load = float(first.answer.normal[up].sum()) if first is not None else 0.0
     ratio = document.particle.weight / load if load > 0.0 else 0.0
     if path.planar:
-        # the theory drags toward -x: positions along the opposite of the drag
-        over, under = ((-heading[0] * side[:, 0]).tolist() for side in (above, below))
-        low, high = conditions.planar_interval(over, under, h, ratio)
+        # the resultant of a side acts between its outermost spots, wherever elasticity puts it, and the weight at the centre of
+        # mass: N p - (N + m g) q = T h (Eqs. 1 and 2, drag toward -x), so T/N lies in an interval
+        p, q = -heading[0] * above[:, 0], (1.0 + ratio) * (-heading[0] * below[:, 0])
+        low, high = (p.min() - q.max()) / h, (p.max() - q.min()) / h
         required = max(low, -high, 0.0)
     else:
         ratio = 0.0
         p, q = (np.ascontiguousarray(side[:, :2]) for side in (above, below))
         required, low, high = forecast(p, len(p), q, len(q), h, heading[0], heading[1])
-    limit = conditions.friction_limit(friction.upper, friction.lower, ratio)
-    slack = conditions.ROUND_OFF * float(np.ptp(position[:, :2], axis=0).max()) / h
+    limit = min(friction.upper, friction.lower * (1.0 + ratio))  # both sides slide at equality (Eq. 20)
+    slack = TOUCHING * float(np.ptp(position[:, :2], axis=0).max()) / h
     possible = ["sticking"] if required <= limit + slack else []
     possible += ["sliding"] if low - slack <= limit <= high + slack else []
     ever = bool(np.isfinite([low, high]).all())
     return Forecast(float(required), float(low) if ever else None, float(high) if ever else None, possible)
 
 
-def _warnings(document: BalanceFile, spots: Spots, path: _Path, moduli: Mapping[str, Mapping[str, float]]) -> list[str]:
+def _warnings(document: BalanceFile, path: _Path, moduli: Mapping[str, Mapping[str, float]]) -> list[str]:
     result = []
     rotation = float(np.linalg.norm(path.solver.seat_rotation))
     if rotation > 0.0:
@@ -371,16 +370,16 @@ def _warnings(document: BalanceFile, spots: Spots, path: _Path, moduli: Mapping[
             result.append(f"{side} side: not elastically similar (Dundurs' beta {beta:.3g}); the coupling is neglected")
     if not path.balances:
         return result
-    dropped = path.solver.history_column("exact.dropped")
-    if dropped.any():
+    names, memory = path.solver.contacts.chain.history, path.solver.memory
+    if "exact.dropped" in names and (dropped := memory[:, names.index("exact.dropped")]).any():
         spots_text = ", ".join(str(k + 1) for k in np.flatnonzero(dropped))
         result.append(f"spots {spots_text} had more bends in their history than the {NODES} nodes hold: fewer steps keep all")
-    overlap = max(float((b.overlap / spots.radius).max()) for b in path.balances)
+    overlap = max(float((b.overlap / path.solver.contacts.radius).max()) for b in path.balances)
     if any(b.free for b in path.balances) and any(point.label == "sliding" for point in path.points):
         result.append("where it slides on both sides its place along the drag is undetermined: u is one of many, the rest holds")
     if overlap > LARGE:
         result.append(f"overlaps of {overlap:.3g} radii, beyond Hertz' theory")
-    if document.particle.weight > 0.0 and not spots.planar:
+    if document.particle.weight > 0.0 and not path.planar:
         result.append("the forecast leaves out the weight")
     if any(point.label == "rolling" for point in path.points) and not path.under_load:
         result.append("a particle that tips at constant indentation wedges: its forces grow without bound; give a load instead")

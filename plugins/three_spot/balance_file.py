@@ -26,29 +26,28 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from thirdbody.plugin import (
-    Choice,
     Fault,
+    Grip,
     InputError,
-    Material,
+    Length,
     Part,
+    PositiveLength,
     Quantity,
+    Solid,
+    Spot,
     Whole,
     Wrong,
     clump_with_frame,
     listing,
     matrix_from_quaternion,
     one_of,
-    read_text,
-    read_toml,
-    wrongs_of,
+    read_part,
 )
 
 VERSION = 1
@@ -57,31 +56,8 @@ MAX_SPHERES = 100
 MAX_SPOTS = 1000  # maximum number of candidates of a balance, whose equations are solved together
 
 Array = NDArray[np.float64]
-Length = Annotated[float, Quantity(dimension="length")]
-PositiveLength = Annotated[float, Quantity(dimension="length", gt=0)]
-PositivePressure = Annotated[float, Quantity(dimension="pressure", gt=0)]
 Friction = Annotated[float, Quantity(ge=0)]
 Number = Annotated[float, Quantity()]
-
-
-class Solid(Part):
-    """An isotropic elastic half-space or particle; moduli in Pa."""
-
-    youngs_modulus: PositivePressure | None = None
-    shear_modulus: PositivePressure | None = None
-    poisson_ratio: Annotated[float, Quantity(gt=-1, le=0.5)]
-
-    @classmethod
-    def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
-        """One of the two moduli."""
-        return one_of(raw, ("youngs_modulus", "shear_modulus"))
-
-    def material(self, name: str) -> Material:
-        """Return the material of the contact laws; its density is irrelevant without acceleration."""
-        if self.shear_modulus is not None:
-            return Material(name, self.shear_modulus, self.poisson_ratio, 1.0)
-        assert self.youngs_modulus is not None  # one of the two is given: `rules`
-        return Material(name, 0.5 * self.youngs_modulus / (1.0 + self.poisson_ratio), self.poisson_ratio, 1.0)
 
 
 class Materials(Part):
@@ -97,16 +73,6 @@ class Frictions(Part):
 
     upper: Friction
     lower: Friction
-
-
-class Spot(Part):
-    """A summit bound to a side: its place from the centre of mass, and its radius of curvature, m."""
-
-    side: Annotated[Literal["lower", "upper"], Choice()]
-    x: Length
-    y: Length = 0.0
-    z: Length
-    radius: PositiveLength
 
 
 class Ball(Part):
@@ -174,24 +140,10 @@ class Path(Part):
         return self.direction[0] / size, self.direction[1] / size
 
 
-class CloseSpots(Part):
-    """The effect of this name of a scene; it has no options."""
-
-
 class Effects(Part):
     """Effects of a balance, absent unless named. Of those of a scene no other belongs to a quasi-static path of Hertz' spots."""
 
-    close_spots: CloseSpots | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Spots:
-    """Spots of a particle: place (n, 3) from its centre of mass [m], radius (n,) [m], upper (n,) bool."""
-
-    position: Array
-    radius: Array
-    upper: NDArray[np.bool_]
-    planar: bool
+    close_spots: Part | None = None
 
 
 class BalanceFile(Part):
@@ -207,25 +159,22 @@ class BalanceFile(Part):
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> BalanceFile:
         """Read the particle in a TOML file. Raises InputError with every fault, each with file, line and column."""
-        document, source = read_toml(read_text(path), os.fspath(path))
-        wrongs: list[Wrong] = []
-        if "balance" not in document:
-            document["balance"] = VERSION  # continue, so that the other faults are reported, too
-            wrongs.append((("balance",), f"required key is missing: write balance = {VERSION}"))
-        try:
-            result = cls.model_validate(document, context={"file": True})
-        except ValidationError as error:
-            wrongs += wrongs_of(error)
-        if wrongs:
-            raise InputError(source.in_order(wrongs))
-        return result
+        return read_part(cls, path, "balance", VERSION)
 
-    def spots(self) -> Spots:
-        """Return the spots of the particle. Raises InputError for a clump in several parts."""
-        flat = self.path.heading()[1] == 0.0
+    def spots(self) -> tuple[Grip, Array]:
+        """Return the spots of the particle, and their radii (n,) [m]. Raises InputError for a clump in several parts."""
         if (spots := self.particle.spots) is not None:
-            position, upper = np.array([(s.x, s.y, s.z) for s in spots]), np.array([s.side == "upper" for s in spots])
-            return Spots(position, np.array([s.radius for s in spots]), upper, flat and not position[:, 1].any())
+            position, up = np.array([(s.x, s.y, s.z) for s in spots]), np.array([s.side == "upper" for s in spots])
+            radius, flat = np.array([s.radius for s in spots]), not position[:, 1].any()
+        else:
+            position, radius, flat = self._summits()
+            up = np.arange(len(radius)) % 2 == 0
+        z = position[:, 2]
+        gap = np.where(up, z[up].max() - z, z - z[~up].min())
+        return Grip(position, gap, up, self.particle.weight, bool(flat and self.path.heading()[1] == 0.0)), radius
+
+    def _summits(self) -> tuple[Array, Array, bool]:
+        """Return place and radius of the candidates of a clump, and whether it lies in the plane y = 0."""
         balls = self.particle.clump or ()
         center, radius = np.array([b.center for b in balls]), np.array([b.radius for b in balls])
         try:
@@ -233,11 +182,11 @@ class BalanceFile(Part):
         except InputError as problem:
             raise InputError([Fault("particle.clump", fault.message) for fault in problem.faults]) from None
         rotation = np.array(self.particle.quaternion or (1.0, 0.0, 0.0, 0.0))
-        planar = bool(flat and not center[:, 1].any() and rotation[1] == 0.0 == rotation[3])
+        flat = not center[:, 1].any() and rotation[1] == 0.0 == rotation[3]
         arm = (center - centroid) @ matrix_from_quaternion(rotation / np.linalg.norm(rotation)).T
-        if planar:
+        if flat and self.path.heading()[1] == 0.0:
             arm[:, 1] = 0.0  # the centroid of coplanar spheres is off their plane by rounding only
         position = np.repeat(arm, 2, axis=0)
         position[::2, 2] += radius
         position[1::2, 2] -= radius
-        return Spots(position, np.repeat(radius, 2), np.arange(2 * len(radius)) % 2 == 0, planar)
+        return position, np.repeat(radius, 2), flat

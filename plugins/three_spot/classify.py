@@ -16,17 +16,17 @@ import math
 
 from numba import njit
 
-from thirdbody.plugin import NO_FORECAST, helper, loaded_contact, observed_body
+from thirdbody.plugin import NO_FORECAST, Labeller, helper, loaded_contact, observed_body
 
-from .forecast import write_outlook, write_plain_outlook
+from .forecast import write_forecast, write_plain_forecast
 from .motion import update_history
 from .support import (
     ABOVE,
     BELOW,
     BOTH,
-    CODES,
     EPS_ROLL,
     EXTRAS,
+    FORECASTS,
     MARGINS,
     MIN_TRAVEL,
     NEITHER,
@@ -44,9 +44,8 @@ from .support import (
     support_of,
 )
 
-__all__ = ["CODES", "CONTACT_MEMORY", "EXTRAS", "MARGINS", "MEMORY", "OUTPUTS", "REASONS", "STATES", "label", "update_history"]
-
-MEMORY, CONTACT_MEMORY, OUTPUTS = memory.names(), noted.names(), output.WIDTH
+MEMORY = tuple(f"{column.name}[{k}]" if column.width > 1 else column.name for column in memory for k in range(column.width))
+CONTACT_MEMORY, OUTPUTS = noted.names(), output.WIDTH
 
 STATES = ("free", "sticking", "sliding", "rolling")
 FREE, STICKING, SLIDING, ROLLING = range(4)
@@ -122,7 +121,7 @@ def rotation_margin(observed: Array, m: Array, pose: Posture, p: float, determin
     margin = 1.0 - p / pose[1]
     if m[memory.WINDOWS] > 0.0:
         margin = min(margin, 1.0 - m[memory.ROLL_RATIO] / EPS_ROLL)
-    x, y = m[memory.CHANGE_DRAG_X], m[memory.CHANGE_DRAG_Y]
+    x, y = m[memory.CHANGE_DRAG], m[memory.CHANGE_DRAG + 1]
     size = length(x, y, 0.0)
     if pose[0] == BOTH and not determinate:
         by_rotation = 0.0
@@ -160,48 +159,38 @@ def write_ratios(C: Array, n: int, m: Array, pose: Posture, rotation: Triple, ou
             )
 
 
-@helper
-def clear(m: Array, out: Array) -> None:
-    """Write the output of an unloaded body: margins of 1, no forecast, zeros, and the length rolled so far."""
-    for k in range(OUTPUTS):
-        out[k] = 1.0 if output.FRICTION <= k < output.SLIDING_SIDE else 0.0
-    out[output.ROLLED_DISTANCE], out[output.FORECAST] = m[memory.ROLLED_DISTANCE], NO_FORECAST
-
-
 @njit(error_model="numpy")
 def label(C: Array, n: int, observed: Array, m: Array, out: Array) -> None:
     """Write state, reason, MARGINS and EXTRAS of one body into `out` (OUTPUTS,), after `update_history` at the same instant.
     `sliding_side` is 0 none, 1 lower, 2 upper, 3 both; `rolled_distance` [m] grows when a window closes; `forecast` is 0 for a
     body that can only roll, 1 can stick, 3 can stick or slide, 4 none (`forecast`), followed by its ratios. Read-only for the
     memories. Every number is finite."""
-    clear(m, out)
-    if n > 0:
-        pose = support_of(C, n)
-        write_outlook(C, n, observed, pose, out, output.FORECAST)
-        write_label(C, n, observed, m, pose, out)
+    write_label(C, n, observed, m, out)
+    write_forecast(C, n, observed, out)
 
 
 @njit(error_model="numpy")
 def label_without_effects(C: Array, n: int, observed: Array, m: Array, out: Array) -> None:
     """`label` of a body without effects, to the same bits: without the linear programmes, slow to compile."""
-    clear(m, out)
-    if n > 0:
-        pose = support_of(C, n)
-        write_plain_outlook(C, n, observed, pose, out, output.FORECAST)
-        write_label(C, n, observed, m, pose, out)
+    write_label(C, n, observed, m, out)
+    write_plain_forecast(C, n, observed, out)
 
 
 @njit(error_model="numpy")
 def label_without_forecasts(C: Array, n: int, observed: Array, m: Array, out: Array) -> None:
     """`label` of a body that has no forecast (NO_FORECAST): half the time."""
-    clear(m, out)
-    if n > 0:
-        write_label(C, n, observed, m, support_of(C, n), out)
+    write_label(C, n, observed, m, out)
 
 
 @helper
-def write_label(C: Array, n: int, observed: Array, m: Array, pose: Posture, out: Array) -> None:
-    """Write state, reason, margins and the other extras of a loaded body: margins first, then the rules in order."""
+def write_label(C: Array, n: int, observed: Array, m: Array, out: Array) -> None:
+    """Write state, reason, margins, no forecast and the other extras: margins first, then the rules in order."""
+    for k in range(OUTPUTS):
+        out[k] = 1.0 if output.FRICTION <= k < output.SLIDING_SIDE else 0.0
+    out[output.ROLLED_DISTANCE], out[output.FORECAST] = m[memory.ROLLED_DISTANCE], NO_FORECAST
+    if n == 0:
+        return
+    pose = support_of(C, n)
     rotation = rotation_since(observed, m, memory.REFERENCE)
     p = contact_travel(C, n, rotation)
     total, f, t = 0.0, observed_body.FORCE, observed_body.TORQUE
@@ -230,3 +219,11 @@ def write_label(C: Array, n: int, observed: Array, m: Array, pose: Posture, out:
         out[output.REASON] = ONE_SIDED if pose[0] != BOTH else (NONE if determinate else INDETERMINATE)
     if out[output.FORCE_BALANCE] < 0.0 or out[output.MOMENT_BALANCE] < 0.0:
         out[output.REASON] = UNBALANCED
+
+
+LABELLER = Labeller(
+    name="three_spot", observe=update_history, label=label, label_without_effects=label_without_effects,
+    label_without_forecasts=label_without_forecasts, states=STATES, reasons=REASONS, margins=MARGINS, extras=EXTRAS,
+    codes=("sliding_side", "forecast"), forecasts=FORECASTS, outputs=output, memory=MEMORY, contact_memory=CONTACT_MEMORY,
+    source="Willert, Self-consistency conditions in static three-body elastic tangential contact; labels by travel",
+)  # fmt: skip

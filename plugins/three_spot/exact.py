@@ -14,40 +14,16 @@ What every level neglects: README.md, "Levels".
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
-from thirdbody.plugin import (
-    RENEWAL,
-    Contact,
-    Law,
-    Load,
-    Option,
-    Options,
-    Tangential,
-    e_star,
-    g_star,
-    helper,
-    kernel,
-    moved_ground,
-    renewal_rate,
-    renewed,
-)
+from thirdbody.plugin import RENEWAL, Contact, Law, Load, Option, Tangential, helper, kernel, moved_ground, renewed
 
-from .exact_springs import advance_springs, carry_field, carry_springs, cell_means, renewal_loss, spring_energy, spring_force
+from .exact_springs import advance_springs, carry_field, carry_springs, cell_means, renewal_loss, spring_force, spring_product
+from .mdr import SpringParameters, mix_springs, whole
 from .spring_field import GAUSS, FieldStep, advance_field, field_energy, field_force, piece_mean
 
 STEP = 1e-6  # relative step of differences: half the digits of the forces remain
-
-
-class ExactParameters(NamedTuple):
-    """G* of the paper [Pa]; friction; kappa = mu E*/G* (Willert, Eqs. 13, 14); renewal in rolling per contact radius."""
-
-    g_star: float
-    mu: float
-    kappa: float
-    renewal: float
 
 
 @helper
@@ -86,7 +62,7 @@ def rotated_springs(w, n, w_new, step):
     loss = 0.0
     if n >= 0:
         m = cell_means(w, n, max(d_old, d), w_new)
-        loss = 0.5 * max(field_energy(w, n, 0.0) - spring_energy(w_new, m), 0.0)
+        loss = 0.5 * max(field_energy(w, n, 0.0) - spring_product(w_new, w_new, m), 0.0)
     else:
         m = -n - 1
         for i in range(len(w_new)):
@@ -95,7 +71,7 @@ def rotated_springs(w, n, w_new, step):
     loss += lost
     if straight:
         length, bound = math.sqrt(sx * sx + sy * sy), k * d
-        gain = 0.5 * (8.0 / 15.0 * bound * bound * math.sqrt(d) - spring_energy(w_new, m))
+        gain = 0.5 * (8.0 / 15.0 * bound * bound * math.sqrt(d) - spring_product(w_new, w_new, m))
         if loss >= gain:
             for i in range(len(w_new)):
                 w_new[i] = 0.0
@@ -132,7 +108,7 @@ def exact(c, load, p, h, w, w_new):
     if renewal.retained < 1.0 and n != 0:
         loss += 0.5 * renewal_loss(w, n, v, m, step, renewal, (c.slip_x, c.slip_y), slip > 0.0)
     x, y = field_force(w_new, count) if count >= 0 else spring_force(w_new, -count - 1)
-    stored = modulus * (field_energy(w_new, count, 0.0) if count >= 0 else spring_energy(w_new, -count - 1))
+    stored = modulus * (field_energy(w_new, count, 0.0) if count >= 0 else spring_product(w_new, w_new, -count - 1))
     x, y = -2.0 * modulus * x, -2.0 * modulus * y
     size = math.sqrt(x * x + y * y)
     # a contact that slides in one direction has two nodes left: then the force is the limit to the last digit
@@ -260,28 +236,17 @@ NODES = Option(
 )  # fmt: skip
 
 
-def width(options: Options) -> int:
-    """Number of floats of the field: three per node. Raises ValueError for a non-integer number of nodes."""
-    nodes = options["nodes"]
-    if nodes % 1.0 != 0.0:
-        raise ValueError(f"nodes = {nodes:g} must be a whole number")
-    return 3 * int(nodes)
-
-
 EXACT = Law(
     name="exact",
     stage="tangential",
     assumes="hertz",
     kernel=exact,
     tangent=exact_tangent,
-    parameters=ExactParameters,
-    mix=lambda pair, options: ExactParameters(
-        g_star(pair.a, pair.b), pair.friction, pair.friction * e_star(pair.a, pair.b) / g_star(pair.a, pair.b),
-        renewal_rate(pair, options),
-    ),
+    parameters=SpringParameters,
+    mix=mix_springs,
     options=(NODES, RENEWAL),
     history=("overlap", "nodes", "force_x", "force_y", "offset_x", "offset_y", "reach", "dropped"),
-    field=width,
+    field=lambda options: 3 * whole(options, "nodes"),
     rolls=True,
     source="Aleshin et al. 2015; Popov and Hess 2015; Willert, Self-consistency conditions in static three-body contact",
 )  # fmt: skip

@@ -44,12 +44,12 @@ def lower_end(i, m, h):
 
 
 @helper
-def spring_energy(w, m):
-    """int |w|^2 dy over the contact area."""
+def spring_product(w, v, m):
+    """int w.v dy over the contact area, of springs with the same cells."""
     n, total = cells_of(w), 0.0
     for i in range(n):
-        x, y = w[1 + i], w[1 + n + i]
-        total += (lower_end(i + 1, m, w[0]) - lower_end(i, m, w[0])) * (x * x + y * y)
+        width = lower_end(i + 1, m, w[0]) - lower_end(i, m, w[0])
+        total += width * (w[1 + i] * v[1 + i] + w[1 + n + i] * v[1 + n + i])
     return total
 
 
@@ -97,7 +97,7 @@ def fit_cells(w, m, y):
     n = cells_of(w)
     if y <= w[0] * (n + m) <= 2.0 * y:
         return m, 0.0
-    before = spring_energy(w, m)
+    before = spring_product(w, w, m)
     while y > w[0] * (n + m):  # cells m and m + 1 become one, which leaves the outermost empty
         if m == n:  # all are wide
             w[0], m = 2.0 * w[0], 0
@@ -114,7 +114,7 @@ def fit_cells(w, m, y):
             for i in range(n - 1, -1, -1):
                 w[first + i] = w[first + i // 2]
         w[0], m = 0.5 * w[0], min(2 * m, n)
-    return m, max(before - spring_energy(w, m), 0.0)
+    return m, max(before - spring_product(w, w, m), 0.0)
 
 
 @helper
@@ -295,7 +295,7 @@ def renewal_loss(w, n, v, m, step, renewal, slip, slides):
     """Energy released by rolling in the step, over G*. Of the field (w, n), which is (v, m) when carried outward; springs: n
     negative. `slip` is that of the step, `step` as for `advance_field`. Exact for a uniform field that sticks and for one that
     slides in one direction throughout, of first order in the renewal of a step in between."""
-    (s_x, s_y), retained, k, common = slip, renewal.retained, -n - 1, 0.0
+    (s_x, s_y), retained, k = slip, renewal.retained, -n - 1
     if n >= 0:
         x, y = field_force(w, n)
         energy = field_energy(w, n, 0.0)
@@ -303,17 +303,11 @@ def renewal_loss(w, n, v, m, step, renewal, slip, slides):
         loss = (1.0 - retained) * energy + retained * initial_gap
     else:
         x, y = spring_force(w, k)
-        energy, (x_new, y_new) = spring_energy(w, k), spring_force(v, k)
-        beyond_x, beyond_y, loss = x - x_new, y - y_new, energy - spring_energy(v, k)
+        energy, (x_new, y_new) = spring_product(w, w, k), spring_force(v, k)
+        beyond_x, beyond_y, loss = x - x_new, y - y_new, energy - spring_product(v, v, k)
     left, work = 1.0 - renewal.fill, s_x * x + s_y * y
     if slides:
-        if n >= 0:
-            common = field_product(w, n, v, m)
-        else:
-            cells = cells_of(w)
-            for i in range(cells):
-                width = lower_end(i + 1, k, w[0]) - lower_end(i, k, w[0])
-                common += width * (w[1 + i] * v[1 + i] + w[1 + cells + i] * v[1 + cells + i])
+        common = field_product(w, n, v, m) if n >= 0 else spring_product(w, v, k)
         apart = 2.0 * (energy - common) - loss
         return max(loss + apart + 2.0 * left * work, 0.0)
     mixed = renewal.fill - left / (1.0 - renewal.retained)

@@ -19,9 +19,23 @@ import math
 import numpy as np
 from numba import njit
 
-from thirdbody.plugin import CAN_SLIDE, CAN_STICK, NO_FORECAST, helper, loaded_contact, observed_body
+from thirdbody.plugin import CAN_SLIDE, CAN_STICK, helper, loaded_contact, observed_body
 
-from .support import ABOVE, BELOW, BOTH, NEITHER, NORMAL, POINT, Array, Posture, load_mean, only_plates, side_of
+from .support import (
+    ABOVE,
+    BELOW,
+    BOTH,
+    NEITHER,
+    NORMAL,
+    POINT,
+    Array,
+    Posture,
+    load_mean,
+    only_plates,
+    output,
+    side_of,
+    support_of,
+)
 from .weighted_forecast import body_size, weighted_forecast
 
 TOLERANCE = 1e-12  # of the largest |q - p|
@@ -141,17 +155,12 @@ def on_slopes(C: Array, n: int) -> bool:
 @helper
 def side_positions(C: Array, n: int, side: int) -> Array:
     """(m, 2): x, y of the spots of a side from the centre of mass [m]; of `MANY` and more, the corners of their hull."""
-    m = 0
-    for i in range(n):
-        if side_of(C, i) == side:
-            m += 1
-    positions = np.empty((m, 2))
-    m = 0
+    positions, m = np.empty((n, 2)), 0
     for i in range(n):
         if side_of(C, i) == side:
             positions[m, 0], positions[m, 1] = C[i, loaded_contact.POINT], C[i, loaded_contact.POINT + 1]
             m += 1
-    return positions if m < MANY else hull_corners(positions)
+    return positions[:m] if m < MANY else hull_corners(positions[:m])
 
 
 @helper
@@ -179,33 +188,37 @@ def hull_corners(positions: Array) -> Array:
 
 
 @helper
-def write_ratios(C: Array, n: int, required: float, low: float, high: float, out: Array, first: int) -> None:
-    """Write the forecast that follows from mu_required, t_min and t_max, and these, into out[first:]."""
+def is_foreseen(C: Array, n: int, pose: Posture) -> bool:
+    """Return whether the theory applies: between plates that are parallel planes. Elsewhere there is no forecast."""
+    return pose[0] == BOTH and only_plates(C, n) and pose[2] > 0.0 and not on_slopes(C, n)
+
+
+@helper
+def write_ratios(C: Array, n: int, required: float, low: float, high: float, out: Array) -> None:
+    """Write the forecast that follows from mu_required, t_min and t_max, and these."""
     mu = friction_coefficient(C, n, NEITHER)
-    out[first] = (CAN_STICK if mu >= required else 0.0) + (CAN_SLIDE if low <= mu <= high else 0.0)
-    out[first + 1] = math.copysign(min(abs(required), FARTHEST), required)
-    out[first + 2] = math.copysign(min(abs(low), FARTHEST), low)
-    out[first + 3] = math.copysign(min(abs(high), FARTHEST), high)
+    out[output.FORECAST] = (CAN_STICK if mu >= required else 0.0) + (CAN_SLIDE if low <= mu <= high else 0.0)
+    out[output.MU_REQUIRED] = math.copysign(min(abs(required), FARTHEST), required)
+    out[output.T_MIN] = math.copysign(min(abs(low), FARTHEST), low)
+    out[output.T_MAX] = math.copysign(min(abs(high), FARTHEST), high)
 
 
 @helper
-def write_plain_outlook(C: Array, n: int, observed: Array, pose: Posture, out: Array, first: int) -> None:
-    """`write_outlook` of a body without body forces."""
-    out[first] = NO_FORECAST
-    if pose[0] != BOTH or not only_plates(C, n) or pose[2] <= 0.0 or on_slopes(C, n):
-        return
-    upper, lower = side_positions(C, n, ABOVE), side_positions(C, n, BELOW)
-    required, low, high = forecast(
-        upper, len(upper), lower, len(lower), pose[2], observed[observed_body.DRAG], observed[observed_body.DRAG + 1]
-    )
-    write_ratios(C, n, required, low, high, out, first)
+def write_plain_forecast(C: Array, n: int, observed: Array, out: Array) -> None:
+    """`write_forecast` of a body without body forces."""
+    pose = support_of(C, n)
+    if is_foreseen(C, n, pose):
+        upper, lower = side_positions(C, n, ABOVE), side_positions(C, n, BELOW)
+        e_x, e_y = observed[observed_body.DRAG], observed[observed_body.DRAG + 1]
+        required, low, high = forecast(upper, len(upper), lower, len(lower), pose[2], e_x, e_y)
+        write_ratios(C, n, required, low, high, out)
 
 
 @helper
-def write_outlook(C: Array, n: int, observed: Array, pose: Posture, out: Array, first: int) -> None:
-    """Write forecast, mu_required, t_min, t_max into out[first:]; zeros and NO_FORECAST where the theory does not apply."""
-    out[first] = NO_FORECAST
-    if pose[0] != BOTH or not only_plates(C, n) or pose[2] <= 0.0 or on_slopes(C, n):
+def write_forecast(C: Array, n: int, observed: Array, out: Array) -> None:
+    """Write forecast, mu_required, t_min and t_max, where the theory applies."""
+    pose = support_of(C, n)
+    if not is_foreseen(C, n, pose):
         return
     upper, lower = side_positions(C, n, ABOVE), side_positions(C, n, BELOW)
     load, wrench = 0.0, np.empty(6)  # normal force of the upper spots [N]
@@ -222,10 +235,10 @@ def write_outlook(C: Array, n: int, observed: Array, pose: Posture, out: Array, 
     if force != 0.0 or moment != 0.0:
         fraction = max(force / load, moment / load / size) if load > 0.0 and size > 0.0 else math.inf
     if fraction * size < NEGLIGIBLE * pose[1]:
-        write_plain_outlook(C, n, observed, pose, out, first)
+        write_plain_forecast(C, n, observed, out)
     elif fraction <= HEAVIEST and heights[0] > heights[1]:
         # a side may have a contact without load at this instant
         frictions = min(friction_coefficient(C, n, ABOVE), HEAVIEST), min(friction_coefficient(C, n, BELOW), HEAVIEST)
         drag = observed[observed_body.DRAG], observed[observed_body.DRAG + 1]
         required, low, high = weighted_forecast(upper, lower, heights, wrench, load, frictions, drag)
-        write_ratios(C, n, required, low, high, out, first)
+        write_ratios(C, n, required, low, high, out)

@@ -26,6 +26,7 @@ from thirdbody.plugin import (
     Law,
     Option,
     Options,
+    Pair,
     Tangential,
     e_star,
     g_star,
@@ -60,6 +61,19 @@ class SpringParameters(NamedTuple):
     mu: float
     kappa: float
     renewal: float
+
+
+def mix_springs(pair: Pair, options: Options) -> SpringParameters:
+    """Return the parameters of a pair of materials."""
+    shear = g_star(pair.a, pair.b)
+    return SpringParameters(shear, pair.friction, pair.friction * e_star(pair.a, pair.b) / shear, renewal_rate(pair, options))
+
+
+def whole(options: Options, name: str) -> int:
+    """Return an option that is a number of springs or nodes. Raises ValueError for one that is not whole."""
+    if options[name] % 1.0 != 0.0:
+        raise ValueError(f"{name} = {options[name]:g} must be a whole number")
+    return int(options[name])
 
 
 @helper
@@ -191,14 +205,6 @@ def springs(c, load, p, h, w, w_new):
     return answer, (c.overlap, float(merges), x, y, ground.x, ground.y, ground.reach)
 
 
-def width(options: Options) -> int:
-    """Number of floats of the field: two per spring. Raises ValueError for a non-integer number of springs."""
-    springs = options["springs"]
-    if springs % 1.0 != 0.0:
-        raise ValueError(f"springs = {springs:g} must be a whole number")
-    return 2 * int(springs)
-
-
 MDR = Law(
     name="mdr",
     stage="tangential",
@@ -206,16 +212,13 @@ MDR = Law(
     kernel=springs,
     tangent=springs_tangent,
     parameters=SpringParameters,
-    mix=lambda pair, options: SpringParameters(
-        g_star(pair.a, pair.b), pair.friction, pair.friction * e_star(pair.a, pair.b) / g_star(pair.a, pair.b),
-        renewal_rate(pair, options),
-    ),
+    mix=mix_springs,
     options=(
         Option("springs", "dimensionless", 32.0, low=4.0, high=float(MAX_SPRINGS), doc="springs per contact, a whole number"),
         RENEWAL,
     ),
     history=("overlap", "merges", "force_x", "force_y", "offset_x", "offset_y", "reach"),
-    field=width,
+    field=lambda options: 2 * whole(options, "springs"),
     rolls=True,
     source="Popov and Hess 2015; Willert, Self-consistency conditions in static three-body contact, Eqs. 11-13",
 )  # fmt: skip

@@ -41,7 +41,7 @@ def store_orientation(observed: Array, m: Array, k: int) -> None:
 def anchor_change(observed: Array, m: Array) -> None:
     """Start the interval that the rule for bodies that are not held evaluates."""
     store_orientation(observed, m, memory.CHANGE)
-    m[memory.CHANGE_DRAG_X] = m[memory.CHANGE_DRAG_Y] = 0.0
+    m[memory.CHANGE_DRAG] = m[memory.CHANGE_DRAG + 1] = 0.0
 
 
 @helper
@@ -52,9 +52,9 @@ def note_plates(observed: Array, m: Array) -> bool:
         observed[observed_body.DRAG],
         observed[observed_body.DRAG + 1],
     )
-    along = x * m[memory.PLATE_DIRECTION_X] + y * m[memory.PLATE_DIRECTION_Y]
+    along = x * m[memory.PLATE_DIRECTION] + y * m[memory.PLATE_DIRECTION + 1]
     broke = moving != m[memory.PLATES_MOVING] or along < 0.0
-    m[memory.PLATES_MOVING], m[memory.PLATE_DIRECTION_X], m[memory.PLATE_DIRECTION_Y] = moving, x, y
+    m[memory.PLATES_MOVING], m[memory.PLATE_DIRECTION], m[memory.PLATE_DIRECTION + 1] = moving, x, y
     return broke
 
 
@@ -120,19 +120,19 @@ def history_ends(C: Array, n: int, observed: Array, m: Array, pose: Posture, ste
     """Return whether a stop, a start, a reversal or rest ends the history."""
     a, (x, y, path) = pose[1], step
     if pose[0] == BOTH:
-        m[memory.HEADING_X] = m[memory.HEADING_Y] = m[memory.REVERSED_PATH] = 0.0
+        m[memory.HEADING] = m[memory.HEADING + 1] = m[memory.REVERSED_PATH] = 0.0
         if broke:
             return True
         if observed[observed_body.PLATE_SPEED] > 0.0:
             m[memory.REST_TIME] = m[memory.REST_PATH] = 0.0
             return False
     else:  # has a one-sided body moved back by 0.02 a against its heading?
-        size = length(m[memory.HEADING_X], m[memory.HEADING_Y], 0.0)
+        size = length(m[memory.HEADING], m[memory.HEADING + 1], 0.0)
         if size > 0.0:
-            along = (x * m[memory.HEADING_X] + y * m[memory.HEADING_Y]) / size
+            along = (x * m[memory.HEADING] + y * m[memory.HEADING + 1]) / size
             m[memory.REVERSED_PATH] = max(0.0, m[memory.REVERSED_PATH] - along)
-        m[memory.HEADING_X] += x
-        m[memory.HEADING_Y] += y
+        m[memory.HEADING] += x
+        m[memory.HEADING + 1] += y
         if m[memory.REVERSED_PATH] > MIN_TRAVEL * a:
             return True
     return has_rested(C, n, observed, m, a, path)
@@ -162,10 +162,10 @@ def finish_window(C: Array, n: int, observed: Array, m: Array, pose: Posture, ro
         return
     m[memory.WINDOWS] += 1.0
     m[memory.ROLL_RATIO], m[memory.SLIP_OVER_TRAVEL], m[memory.PIVOTED] = ratio, slip / travel, 1.0 if twist > tilt else 0.0
-    size = length(m[memory.HEADING_X], m[memory.HEADING_Y], 0.0)
+    size = length(m[memory.HEADING], m[memory.HEADING + 1], 0.0)
     if size > 0.0:  # the heading follows a curved path, averaged over about one window
-        m[memory.HEADING_X] *= a / size
-        m[memory.HEADING_Y] *= a / size
+        m[memory.HEADING] *= a / size
+        m[memory.HEADING + 1] *= a / size
 
 
 @njit(error_model="numpy")
@@ -190,8 +190,8 @@ def update_history(C: Array, n: int, observed: Array, m: Array) -> None:
     if not first:
         if not ends:
             m[memory.TRAVEL] += step[2]
-            m[memory.CHANGE_DRAG_X] += step[0]
-            m[memory.CHANGE_DRAG_Y] += step[1]
+            m[memory.CHANGE_DRAG] += step[0]
+            m[memory.CHANGE_DRAG + 1] += step[1]
         rotated = m[memory.FREE_ROTATION] > MAX_WINDOW_ROTATION or has_rotated(observed, m, memory.REFERENCE, COSINE_OF_HALF)
         closes = m[memory.TRAVEL] >= WINDOW * pose[1] or rotated
         if ends or closes:

@@ -10,23 +10,21 @@ Weightless, equal friction on both sides, spots 2 and 3 at -+L around the middle
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import conditions
 from .balance import Result, balance
+from .balance_command import LABELS as COLORS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 
-COLORS: Mapping[str, str] = {"sticking": "#4C78A8", "sliding": "#F58518", "rolling": "#54A24B"}
-"""Colours of the states, as in every picture of the program; distinguishable with colour-blindness."""
 REGIMES = ("rolling", "sticking", "sliding")
 WORDS = {"rolling": "rolls", "sticking": "sticks at rest, tips when dragged", "sliding": "sticks, then slides"}
 LINES = ((r"$t_\mathrm{max} = (x_1 - x_2)/h$", "-"), (r"$t_\mathrm{min} = (x_1 - x_3)/h$", "--"), (r"$-t_\mathrm{max}$", ":"))
@@ -93,7 +91,7 @@ def map_numbers(big_h: float, half_width: float, count: int = 9) -> dict[str, An
     x_1/h."""
     n_2, zeta_2 = np.linspace(0.1, 0.9, count), np.linspace(*ZETA_2, count)
     positions = np.linspace(*_position_range(half_width), count)
-    zeta_3 = conditions.third_spot_position(n_2, zeta_2[:, None], big_h)
+    zeta_3 = third_spot_position(n_2, zeta_2[:, None], big_h)
     limits = zip(("t_min", "t_max", "mu_required"), _limits(positions, half_width).tolist(), strict=True)
     return {
         "fig2": {"H": big_h, "n_2": n_2.tolist(), "zeta_2": zeta_2.tolist(), "zeta_3": zeta_3.tolist()},
@@ -125,13 +123,19 @@ def _position_range(half_width: float) -> tuple[float, float]:
 
 def _limits(positions: Array, half_width: float) -> Array:
     """Return t_min, t_max, mu_required (3, n) of upper spots at x_1/h (n,)."""
-    spots = [((float(x),), (-half_width, half_width), 1.0) for x in positions]
-    return np.array([(*conditions.planar_interval(*one), conditions.required_scale(*one, 1.0, 1.0)) for one in spots]).T
+    low, high = positions - half_width, positions + half_width
+    return np.array([low, high, np.maximum(np.maximum(low, -high), 0.0)])
+
+
+def third_spot_position(n_2: Any, zeta_2: Any, big_h: float) -> Any:
+    """zeta_3 = x_3/x_1 at which the particle can slide (Fig. 2): (1 + n_2 zeta_2 - H)/(1 - n_2), of numbers or arrays. n_2 =
+    N_2/N_1, zeta_2 = -x_2/x_1, H = mu h/x_1; weightless, equal friction."""
+    return (1.0 + n_2 * zeta_2 - big_h) / (1.0 - n_2)
 
 
 def _draw_fig2(axes: Axes, big_h: float) -> None:
     n_2, zeta_2 = np.linspace(*N_2_RANGE, GRID), np.linspace(*ZETA_2, GRID)
-    values = conditions.third_spot_position(n_2, zeta_2[:, None], big_h)
+    values = third_spot_position(n_2, zeta_2[:, None], big_h)
     for level in LEVELS:
         if values.min() < level < values.max():
             line = axes.contour(n_2, zeta_2, values, [level], colors=INK, linewidths=2.0 if level == 0.0 else 1.1)
@@ -150,7 +154,7 @@ def _label_positions(level: float, big_h: float) -> list[tuple[float, float]]:
     """Intersections of a contour with the panel's rising diagonal, or else the falling one, for labels inside."""
     n_2 = np.linspace(0.05, 0.95, GRID)
     for zeta_2 in (ZETA_2[1] * n_2, ZETA_2[1] * (1.0 - n_2)):
-        values = conditions.third_spot_position(n_2, zeta_2, big_h)
+        values = third_spot_position(n_2, zeta_2, big_h)
         crossed = np.flatnonzero((values[:-1] - level) * (values[1:] - level) < 0.0)
         if len(crossed):
             return [(float(n_2[k]), float(zeta_2[k])) for k in crossed]

@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from thirdbody.plugin import DEBRIS, LOWER, Table, helper, loaded_contact, number, observed_body, skip
+from thirdbody.plugin import DEBRIS, LOWER, Table, helper, loaded_contact, number, observed_body, skip, vector
 
 Array = NDArray[np.float64]
 Triple = tuple[float, float, float]
@@ -54,32 +54,22 @@ output = Table(
     t_min=number("", "smallest friction at which it can slide"),
     t_max=number("", "largest friction at which it can slide"),
 )
-output.FORECAST = is_plain(output.FORECAST)
 MARGINS = output.names()[output.FRICTION : output.SLIDING_SIDE]
 EXTRAS = output.names()[output.SLIDING_SIDE :]
 FORECASTS = output.names()[output.FORECAST :]
-CODES = ("sliding_side", "forecast")
 
 memory = Table(
     "m",
     "a body",
-    reference_w=number("", "orientation at the reference, w"),
-    reference_x=number("", "x"),
-    reference_y=number("", "y"),
-    reference_z=number("", "z"),
-    change_w=number("", "orientation where the rule for free bodies began, w"),
-    change_x=number("", "x"),
-    change_y=number("", "y"),
-    change_z=number("", "z"),
+    reference=vector(4, "", "orientation at the reference"),
+    change=vector(4, "", "orientation where the rule for free bodies began"),
     travel=number("m", "path of the drag since the reference"),
-    change_drag_x=number("m", "drag since the rule for free bodies began, x"),
-    change_drag_y=number("m", "y"),
+    change_drag=vector(2, "m", "drag since the rule for free bodies began"),
     windows=number("", "number of closed windows"),
     roll_ratio=number("", "roll ratio of the last closed window"),
     pivoted=number("", "1: that window turned more about the normal than in plane"),
     slip_over_travel=number("", "largest slip over the path in that window"),
-    heading_x=number("m", "heading of a one-sided body, x"),
-    heading_y=number("m", "y"),
+    heading=vector(2, "m", "heading of a one-sided body"),
     reversed_path=number("m", "path against its heading"),
     rest_time=number("s", "time since the last test for rest"),
     rest_path=number("m", "path since then"),
@@ -87,12 +77,11 @@ memory = Table(
     lifted=number("", "1: a spot lifted off since the reference"),
     loaded_count=number("", "number of loaded spots"),
     serial=number("", "number of the last observation with contacts"),
-    plate_direction_x=number("", "direction of the drag at the last observation, x"),
-    plate_direction_y=number("", "y"),
+    plate_direction=vector(2, "", "direction of the drag at the last observation"),
     plates_moving=number("", "1: the plates moved then"),
     free_rotation=number("rad", "rotation while the body was free"),
 )
-memory.REFERENCE, memory.CHANGE = is_plain(memory.REFERENCE_W), is_plain(memory.CHANGE_W)
+memory.REFERENCE, memory.CHANGE = is_plain(memory.REFERENCE), is_plain(memory.CHANGE)
 
 # behind the columns of `loaded_contact`
 noted = Table(

@@ -3,9 +3,10 @@
 import os
 import shutil
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from fnmatch import fnmatchcase
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+from typing import BinaryIO
 
 from thirdbody.errors import OutputError
 
@@ -26,15 +27,15 @@ def refuse_existing_folder(path: Path, overwrite: bool, ours: Collection[str]) -
 
 def _refuse_other_files(folder: Path, ours: Collection[str], named: Path) -> None:
     """Raise OutputError, with the name `named`, for a folder that contains other files or folders, or links."""
-    ours_folders, others = {pattern.rpartition("/")[0] for pattern in ours}, []
+    ours_folders, others = {parent.as_posix() for pattern in ours for parent in PurePosixPath(pattern).parents}, []
     for above, folders, files in os.walk(folder):
         inside = Path(above).relative_to(folder)
         for name in [*folders, *files]:
             path = (inside / name).as_posix()
-            known = path in ours_folders if name in folders else any(fnmatchcase(path, pattern) for pattern in ours)
+            known = any(fnmatchcase(path, pattern) for pattern in (ours_folders if name in folders else ours))
             if not known or os.path.islink(folder / path):
                 others.append(path)
-        folders[:] = [name for name in folders if (inside / name).as_posix() in ours_folders]
+        folders[:] = [name for name in folders if (inside / name).as_posix() not in others]
     if others:
         raise OutputError(f"{named}: holds other files ({', '.join(sorted(others)[:3])}) and will not be overwritten")
 
@@ -75,13 +76,30 @@ def _beside(path: Path, suffix: str) -> Path:
     return full.with_name(f".{full.name}.{os.getpid()}.{suffix}")
 
 
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file atomically, replacing a link too. Raises OSError when it cannot be written."""
+def write_output(path: Path, content: bytes) -> None:
+    """Write a file atomically, and make its folder. Raises OutputError when it cannot be written."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, content)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
+
+
+@contextmanager
+def new_file(path: Path) -> Iterator[BinaryIO]:
+    """Yield a file to write and read, renamed to `path` on success; it replaces a link too. Raises OSError; then `path` stays."""
     beside = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         beside.unlink(missing_ok=True)
-        with open(beside, "xb") as file:  # a new file: never the target of a link
-            file.write(content)
+        with open(beside, "x+b") as file:  # a new file: never the target of a link
+            yield file
         os.replace(beside, path)
     finally:
-        beside.unlink(missing_ok=True)
+        with suppress(OSError):  # a read-only folder refuses that too
+            beside.unlink(missing_ok=True)
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file atomically. Raises OSError when it cannot be written."""
+    with new_file(path) as file:
+        file.write(content)

@@ -1,12 +1,13 @@
 """Files of the user, read with bounds: whole files, members of ZIP archives, arrays of NPZ files; damage is one clear fault."""
 
 import io
+import os
+import stat
 import zipfile
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from math import prod
-from pathlib import Path
 
 import numpy as np
 
@@ -38,23 +39,24 @@ def refuse(faults: Iterable[Fault], total: int | None = None) -> None:
     raise InputError(faults[:SHOWN] + summary)
 
 
-def read_bytes(path: Path, key: str = "") -> bytes:
+def read_bytes(path: str | os.PathLike[str], key: str = "", what: str = "file", largest: int = MAX_BYTES) -> bytes:
     """Return the bytes of a file. InputError: one fault with the path, if it is missing, no file, too large, or not readable."""
-    file = str(path) if len(str(path)) < 200 else f"{str(path)[:200]}..."
     try:
-        if path.is_file():
-            if (size := path.stat().st_size) > MAX_BYTES:
-                message = f"has {size / 1e6:.0f} MB, at most {MAX_BYTES / 1e6:.0f} MB are read"
-                raise InputError(Fault(key, message, file))
-            return path.read_bytes()
-        folder, there = path.is_dir(), path.exists()
+        info = os.stat(path)
+        if stat.S_ISDIR(info.st_mode):
+            reason = f"is a folder, expected a {what}"
+        elif not stat.S_ISREG(info.st_mode):  # a pipe without a writer would block forever
+            reason = f"is a device, expected a {what}"
+        elif info.st_size > largest:
+            reason = f"has {info.st_size / 1e6:.1f} MB, at most {largest / 1e6:.0f} MB are read"
+        else:
+            with open(path, "rb") as file:
+                return file.read()
+    except (FileNotFoundError, NotADirectoryError):
+        reason = "no such file" + ("; give the path from the folder of the scene, or an absolute one" if what == "file" else "")
     except (OSError, ValueError) as error:  # ValueError: a null byte in the name
-        why = error.strerror if isinstance(error, OSError) else str(error)
-        raise InputError(Fault(key, f"cannot be read: {why}", file)) from None
-    if folder or there:
-        raise InputError(Fault(key, f"is {'a folder' if folder else 'a device'}, expected a file", file))
-    message = "there is no such file; give the path from the folder of the scene, or an absolute one"
-    raise InputError(Fault(key, message, file))
+        reason = f"cannot be read: {getattr(error, 'strerror', error)}"
+    raise InputError(Fault(key, reason, os.fspath(path)))
 
 
 @contextmanager

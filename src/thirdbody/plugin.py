@@ -19,6 +19,7 @@ global that is changed after the kernel was compiled: numba has compiled its val
 
 from thirdbody.bodies.clump import Clump, clump, clump_with_frame
 from thirdbody.debris.contract import DebrisKind, PlacedClumps, PlacedDebris, PopulationContext, RandomStreams
+from thirdbody.debris.spots import Spot
 from thirdbody.errors import Fault, InputError, OutputError, UsageError, nearest
 from thirdbody.jit.arguments import stack_array
 from thirdbody.kernels.arguments import ContactStep
@@ -45,9 +46,10 @@ from thirdbody.laws.hertz import HERTZ, dundurs_beta, e_star, g_star, yield_limi
 from thirdbody.laws.measures import Amount, Measure
 from thirdbody.laws.renewal import RENEWAL, Renewal, moved_ground, renewal_rate, renewed
 from thirdbody.rotations import matrix_from_quaternion
-from thirdbody.schema.fields import Choice, PositiveLength, Quantity, Whole, listing
-from thirdbody.schema.parts import Part, Wrong, one_of, wrongs_of
-from thirdbody.schema.read import read_text, read_toml
+from thirdbody.scene.solid import Solid
+from thirdbody.schema.fields import Length, PositiveLength, Quantity, Whole, listing
+from thirdbody.schema.parts import Part, Wrong, one_of
+from thirdbody.schema.read import read_part
 from thirdbody.schema.sizes import Size
 from thirdbody.statics.contacts import Contacts
 from thirdbody.statics.labels import StaticLabels
@@ -57,13 +59,13 @@ from thirdbody.units import pretty
 
 __all__ = [
     "CAN_SLIDE", "CAN_STICK", "COULOMB", "DEBRIS", "HERTZ", "HERTZ_DAMPING", "LOWER", "MINDLIN", "NO_FORECAST", "RENEWAL",
-    "TANGENTIAL_DAMPING", "UPPER", "Adhesion", "Amount", "Balance", "Body", "BodyEffect", "Choice", "Clump", "Contact",
-    "ContactStep", "Contacts", "DebrisKind", "Fault", "Grip", "InputError", "Labeller", "Law", "LawFamily", "Load", "Material",
+    "TANGENTIAL_DAMPING", "UPPER", "Adhesion", "Amount", "Balance", "Body", "BodyEffect", "Clump", "Contact", "ContactStep",
+    "Contacts", "DebrisKind", "Fault", "Grip", "InputError", "Labeller", "Law", "LawFamily", "Length", "Load", "Material",
     "Measure", "NoStaticState", "Normal", "Option", "Options", "OutputError", "Pair", "Part", "PlacedClumps", "PlacedDebris",
     "Plugin", "PopulationContext", "PositiveLength", "Quantity", "QuasiStatic", "RandomStreams", "Renewal", "Rolling", "Size",
-    "SpotInteraction", "StaticLabels", "Table", "Tangential", "Turn", "Twist", "Twisting", "UsageError", "Whole", "Wrench",
-    "Wrong", "clump", "clump_with_frame", "dundurs_beta", "e_star", "from_first_touch", "g_star", "helper", "in_present_posture",
-    "kernel", "listing", "loaded_contact", "matrix_from_quaternion", "moved_ground", "nearest", "number", "observed_body",
-    "one_of", "pretty", "read_text", "read_toml", "relax", "renewal_rate", "renewed", "seat", "skip", "stack_array", "vector",
-    "wrongs_of", "yield_limit",
+    "Solid", "Spot", "SpotInteraction", "StaticLabels", "Table", "Tangential", "Turn", "Twist", "Twisting", "UsageError",
+    "Whole", "Wrench", "Wrong", "clump", "clump_with_frame", "dundurs_beta", "e_star", "from_first_touch", "g_star", "helper",
+    "in_present_posture", "kernel", "listing", "loaded_contact", "matrix_from_quaternion", "moved_ground", "nearest", "number",
+    "observed_body", "one_of", "pretty", "read_part", "relax", "renewal_rate", "renewed", "seat", "skip", "stack_array",
+    "vector", "yield_limit",
 ]  # fmt: skip

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from thirdbody.api import Run
-from thirdbody.studies.sweep_table import SweepTable
+from thirdbody.studies.folder import SweepTable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -61,7 +61,7 @@ class Sweep(SweepTable):
         -------
         matplotlib.figure.Figure
         """
-        from thirdbody.studies.sweep_plot import draw_sweep
+        from thirdbody.studies.pictures import draw_sweep
 
         return draw_sweep(self, None if out is None else Path(out), panels, x, y)
 
@@ -119,7 +119,9 @@ def sweep(
     >>> [point.status for point in sweep.points]
     ['done', 'done', 'done']
     """
-    from thirdbody.studies.sweep import run_sweep
+    from thirdbody.studies.sweep import execution_of_python, plan_of_python, run_sweep
 
-    folder = None if out is None else Path(out)
-    return Sweep(run_sweep(scene, vary, folder, executor, resume, progress, plugins, options))
+    execution = execution_of_python(executor, options.pop("workers", None), resume, progress, plugins)
+    plan, folder = plan_of_python(scene, vary, None if out is None else Path(out), plugins, options)
+    run_sweep(plan, folder, execution, progress)
+    return Sweep(folder)

@@ -273,14 +273,8 @@ MINUS, GLUE = "\N{MINUS SIGN}", "\N{NO-BREAK SPACE}"
 """Minus sign, and the no-break space between a number and its unit."""
 
 
-def scale_values(values: np.ndarray, unit: str) -> tuple[np.ndarray, str]:
-    """Return SI values (n,) in the prefixed unit that makes the largest 1 to 1000, and that unit."""
-    factor, name = unit_for(values, unit)
-    return values / factor, name
-
-
 def unit_for(values: np.ndarray, unit: str) -> tuple[float, str]:
-    """Return factor and name of the unit of `scale_values`."""
+    """Return factor and name of the prefixed unit in which the largest of SI values (n,) is 1 to 1000."""
     import numpy as np
 
     factor, prefix = _prefix(float(np.abs(values[np.isfinite(values)]).max(initial=0.0)))

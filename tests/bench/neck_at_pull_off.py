@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from thirdbody_effects.adhesion import JKR, cube_root, jkr, jkr_tangent
+from thirdbody_effects.adhesion import ADHESION, cube_root, necks, necks_tangent
 
 from thirdbody.plugin import Plugin, helper, kernel
 
@@ -18,14 +18,14 @@ def still_joined(c, p, joined):
 
 @kernel
 def pulled(c, p, h):
-    return jkr(c, p, (still_joined(c, p, h[0]), h[1]))
+    return necks(c, p, (still_joined(c, p, h[0]), h[1]))
 
 
 @kernel
 def pulled_tangent(c, p, h):
-    return jkr_tangent(c, p, (still_joined(c, p, h[0]), h[1]))
+    return necks_tangent(c, p, (still_joined(c, p, h[0]), h[1]))
 
 
-PULLED = replace(JKR, name="neck_at_pull_off", kernel=pulled, tangent=pulled_tangent, in_steps=None)
+PULLED = replace(ADHESION, name="neck_at_pull_off", kernel=pulled, tangent=pulled_tangent, variant=None, in_steps=None)
 
 PLUGIN = Plugin(name="neck_at_pull_off", effects=(PULLED,), source="LAMMPS granular, jkr")

@@ -10,6 +10,8 @@ import pytest
 import trimesh
 from balls import edited
 
+from thirdbody import input_files
+
 GOOD = "clump,x [um],y [um],z [um],radius [um]\n0,10,10,5,5\n0,14,10,4,4\n7,40,30,5,5\n7,40,35,4,4\n"
 TURNED = "clump,x [um],y [um],z [um],radius [um],qw,qx,qy,qz\n0,10,10,5,5,{}\n0,14,10,4,4,{}\n"
 ARRAYS = {
@@ -226,14 +228,13 @@ def test_a_file_that_cannot_be_read(kind, suffix, scene, refused, tmp_path, monk
     (tmp_path / f"folder.{suffix}").mkdir()
     (tmp_path / f"locked.{suffix}").write_bytes(b"x")
     (tmp_path / f"device.{suffix}").symlink_to("/dev/zero")
-    sound = Path.read_bytes
 
-    def locked(path):  # root may read what is locked, so the system's answer is played
-        if path.name == f"locked.{suffix}":
+    def locked(path, mode):  # root may read what is locked, so the system's answer is played
+        if Path(path).name == f"locked.{suffix}":
             raise PermissionError(13, "Permission denied")
-        return sound(path)
+        return open(path, mode)
 
-    monkeypatch.setattr(Path, "read_bytes", locked)
+    monkeypatch.setattr(input_files, "open", locked, raising=False)
     for name, words in UNREADABLE:
         file = name.format(suffix)
         scene(file, kind)

@@ -62,7 +62,7 @@ def x3p(main=None, data=None, **members):
 ENTITY = '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">]>'
 HOLES = np.where(np.random.default_rng(2).random(HEIGHTS.shape) < 0.3, np.nan, HEIGHTS)
 BAD = {
-    "missing": ("m.npz", None, ["there is no such file"]),
+    "missing": ("m.npz", None, ["no such file"]),
     "other suffix": ("a.gwy", b"x", ["suffix '.gwy'", "expected .npz or .x3p or .csv or .txt", "thirdbody surface FILE"]),
     "empty": ("a.npz", b"", ["is empty"]),
     "no archive": ("a.npz", b"\x00" * 300, ["is no ZIP archive"]),

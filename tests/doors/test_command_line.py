@@ -22,7 +22,7 @@ from thirdbody.laws.registry import load_file
 from thirdbody.runner.run_loop import WallTimes
 from thirdbody.studies.copies import StudySource
 from thirdbody.studies.cost_command import StudyOptions
-from thirdbody.studies.sweep import Execution, SweepArguments
+from thirdbody.studies.sweep import Execution
 
 COMMANDS = (
     "balance", "check", "cost", "export", "laws", "map", "new", "plot", "render", "resume", "run", "shapes", "states",
@@ -88,6 +88,7 @@ sweep scene.toml -o out --plugin p.py --vary a=1 --set b=3 --design zip --sample
     for place in ("runner.simulate.execute", "report.tables.run_report", "render.render.render",
                   "studies.cost_command.cost_command", "studies.sweep.sweep_command"):  # fmt: skip
         monkeypatch.setattr(f"thirdbody.{place}", lambda *words, **keys: told.append((*words, keys)))
+    monkeypatch.setattr("thirdbody.studies.sweep.plan_of_options", lambda *words: (words, "the folder"))
     for line in lines.splitlines():
         assert command(*(word.replace("_", " ") for word in line.split())).code == 0, line
     (_, *ran, keys), reported, drawn, studied, swept = told
@@ -97,9 +98,9 @@ sweep scene.toml -o out --plugin p.py --vary a=1 --set b=3 --design zip --sample
     assert reported == (Path("out"), True, {}) and drawn == (Path("run"), Path("x.gif"), picture)
     source = StudySource(Path("s.toml"), {"a": "1"}, Path("runs/s_effects"), plugins)
     assert studied[:4] == (source, StudyOptions(5, True, 120.0, ("b", "c")), True, True)
-    options = {"design": "zip", "samples": 8, "results": ["load"], "keep": "summary"}
-    points = SweepArguments(Path("scene.toml"), Path("out"), ["a=1"], {"b": "3"}, options, plugins)
-    assert swept == (points, Execution(None, 2, True, True), True, True, True, {})
+    options = {"design": "zip", "samples": 8, "results": ["load"], "keep": "summary", "settings": {"b": 3}}
+    points = (Path("scene.toml"), Path("out"), ["a=1"], options, plugins)
+    assert swept == (points, "the folder", Execution(None, 2, True, True), True, True, True, {})
 
 
 def test_more_threads_than_cores_are_capped_with_a_word(balls, command, tmp_path):

@@ -125,7 +125,10 @@ def functions_of(cls):
 PUBLIC = {name: getattr(thirdbody, name) for name in (*thirdbody.__all__, "balance") if name != "errors"}
 PUBLIC |= functions_of(thirdbody.Run) | functions_of(thirdbody.Scene)
 PUBLIC |= {f"plugin.{name}": getattr(getattr(plugin, name), "py_func", getattr(plugin, name)) for name in plugin.__all__}
-INTERNAL = {"Run.steady", "Scene.suggestion", "Scene.rules", "Scene.checks", "Scene.arrange", "Scene.beside", "Scene.fault"}
+INTERNAL = {
+    "Run.steady", "Run.rows", "Run.frame_number", "Run.surface_position", "Scene.suggestion", "Scene.rules", "Scene.checks",
+    "Scene.arrange", "Scene.beside", "Scene.fault",
+}  # fmt: skip
 """Public by name, for other parts of thirdbody only."""
 DECORATORS = {"plugin.kernel", "plugin.helper"}  # made by numba; what they do stands where they are set
 LEFT = {name: thing for name, thing in PUBLIC.items() if name not in INTERNAL | DECORATORS}

@@ -20,7 +20,6 @@ from PIL import Image
 from thirdbody.assembly.physics import law_faults
 from thirdbody.errors import InputError
 from thirdbody.laws.registry import discover
-from thirdbody.scene.keys import TEMPLATE
 from thirdbody.scene.model import Scene
 from thirdbody.studies.sweep import plan_of_path
 
@@ -123,7 +122,7 @@ def scene_of(block):
     if "scene" in given:
         return Scene.parse(block.text, folder=ROOT / "scenes")
     try:
-        return Scene.of(laid_over(tomllib.loads(TEMPLATE), given, 3))
+        return Scene.of(laid_over(tomllib.loads((ROOT / "plugins" / "new_scene.toml").read_text(encoding="utf-8")), given, 3))
     except InputError as problem:
         pytest.fail(f"{block.text}\n{problem}")
 

@@ -10,7 +10,7 @@ from hard.trial import BOX, LOAD, MICRON, Trial, clump, drag, every, scene
 from theory.builders import STEEL, solid
 
 from thirdbody.kernels.tables import DEBRIS, LOWER, UPPER, record
-from thirdbody.scene.model import Contact, Motion, Pair, Stroke, UpperPlate
+from thirdbody.scene.model import Contact, Motion, PairTable, Stroke, UpperPlate
 
 SPEED, R, GAP, START = 0.2, 5.0, 0.1, 20.0
 """Speed of the upper plate [m/s]; radius of spheres, gap between bodies and place of the first one [um]."""
@@ -36,7 +36,7 @@ def meeting(trial, bodies, frictions, restitution=0.5, motion=None, materials=No
     names = sorted({str(part.material) for part in bodies})
     known = {name: STEEL for name in (*names, "base", "lid")} | (materials or {})
     pairs = tuple(
-        Pair(between=pair, friction=frictions.get(pair, 0.0), restitution=restitution)
+        PairTable(between=pair, friction=frictions.get(pair, 0.0), restitution=restitution)
         for pair in itertools.combinations_with_replacement(known, 2)
     )
     upper = UpperPlate(material="lid", support=support, load=LOAD, motion=motion or drag(SPEED))

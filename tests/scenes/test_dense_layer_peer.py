@@ -25,7 +25,7 @@ from thirdbody.laws.damping import HERTZ_DAMPING, TANGENTIAL_DAMPING
 from thirdbody.laws.friction import MINDLIN
 from thirdbody.laws.hertz import HERTZ
 from thirdbody.laws.registry import Registry
-from thirdbody.scene.model import Contact, Domain, Material, Output, Pair, Plates, Scene, Solver, Spheres
+from thirdbody.scene.model import Contact, Domain, Material, Output, PairTable, Plates, Scene, Solver, Spheres
 
 HERE = Path(__file__).parent
 LAMMPS = json.loads((HERE.parent / "theory" / "data" / "lammps_dense_clumps.json").read_text(encoding="utf-8"))
@@ -64,7 +64,7 @@ def scene(level):
     frictions = {("clump", "clump"): LAMMPS["friction"], ("clump", "plate"): LAMMPS["plate_friction"], ("plate", "plate"): 0.0}
     return Scene(
         materials={"clump": steel, "plate": steel},
-        pairs=tuple(Pair(between=names, friction=mu, restitution=LAMMPS["restitution"]) for names, mu in frictions.items()),
+        pairs=tuple(PairTable(between=names, friction=mu, restitution=LAMMPS["restitution"]) for names, mu in frictions.items()),
         debris=(Spheres(material="clump", radius=1e-6, positions=((0.0, 0.0, 0.0),)),),
         domain=Domain(size=(1.0, 1.0)),
         plates=Plates(),

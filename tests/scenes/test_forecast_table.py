@@ -12,7 +12,7 @@ import pytest
 from shared_runs import PATH, PLATES, clumps
 
 import thirdbody
-from thirdbody.plot.forecast_plot import check_format, draw_forecasts, pool
+from thirdbody.plot.forecast_plot import Forecasts, check_format, draw_forecasts
 from thirdbody.report.forecast import WATCHED, compare_forecast, forecasts
 
 CHANGES = {
@@ -78,7 +78,8 @@ def main():
     out = parser.parse_args().out
     check_format(out)  # before the minutes of runs
     with tempfile.TemporaryDirectory() as folder:
-        everything = pool([forecasts(run) for _, run in runs(Path(folder), "explicit")])
+        parts = [forecasts(run) for _, run in runs(Path(folder), "explicit")]
+        everything = Forecasts(*map(np.concatenate, zip(*parts, strict=True)))
     draw_forecasts(everything, out, "A thousand random clumps: forecast against fact")
 
 

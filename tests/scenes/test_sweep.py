@@ -11,9 +11,9 @@ import pytest
 from balls import BALLS
 
 import thirdbody
+from thirdbody import atomic_files
 from thirdbody.errors import InputError, Interrupted, OutputError, UsageError
 from thirdbody.studies import plan as plans
-from thirdbody.studies import point as point_files
 from thirdbody.studies.plan import make_plan
 from thirdbody.studies.point import RESULT_FILE, point_name, run_point
 from thirdbody.studies.results import TIMES, results_of
@@ -184,13 +184,16 @@ def test_a_point_that_kills_its_process_every_time_has_failed(tmp_path):
 
 
 def test_a_full_disk_ends_the_sweep_with_one_message(tmp_path, monkeypatch):
-    def full(path, content):
-        raise OSError(28, "No space left on device")
+    def full_for_points(path, content):
+        if path.name == RESULT_FILE:
+            raise OSError(28, "No space left on device")
+        write(path, content)
 
+    write = atomic_files.write_whole
     folder = tmp_path / "full"
     plan = plan_in(folder, {MU: [0.1], COUNT: [3, 400]})
     with monkeypatch.context() as patch:
-        patch.setattr(point_files, "write_whole", full)
+        patch.setattr(atomic_files, "write_whole", full_for_points)
         with pytest.raises(OutputError, match="point.json: cannot be written .No space left on device"):
             execute_sweep(plan, folder, Execution(Count()))
     assert not [row for row in table(folder) if row["status"] in ("done", "failed")]

@@ -36,7 +36,7 @@ def ball(radius: float, where: Sequence[float], velocity=(0.0, 0.0, 0.0), spin=(
 def scene(debris, materials, friction=0.0, restitution=1.0, lower=None, upper=None, time_step="auto", **more) -> Scene:
     """Every pair of materials has the same friction and restitution; `more` may replace whole tables."""
     pairs = tuple(
-        model.Pair(between=names, friction=friction, restitution=restitution)
+        model.PairTable(between=names, friction=friction, restitution=restitution)
         for names in itertools.combinations_with_replacement(materials, 2)
     )
     size = more.pop("size", 10.0)

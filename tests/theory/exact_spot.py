@@ -6,8 +6,9 @@ import closed_forms
 import numpy as np
 import three_spot_theory as theory
 from theory.plain import plain
-from thirdbody_three_spot.exact import NODES, ExactParameters, exact, exact_tangent
+from thirdbody_three_spot.exact import NODES, exact, exact_tangent
 from thirdbody_three_spot.exact_springs import cells_of
+from thirdbody_three_spot.mdr import SpringParameters
 from thirdbody_three_spot.spring_field import SPARE
 
 from thirdbody.laws.data import Contact, Load
@@ -26,7 +27,7 @@ class Spot:
     """`damped` scales the elastic load, `viscous` adds to it."""
 
     def __init__(self, mu=MU, renewal=2.0, nodes=NODES.default):
-        self.p, self.nodes = ExactParameters(G, mu, mu * E / G, renewal), int(nodes)
+        self.p, self.nodes = SpringParameters(G, mu, mu * E / G, renewal), int(nodes)
         self.reset(0.0)
 
     def reset(self, overlap):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import three_spot_theory as theory
 from steel import SCENES
-from thirdbody_three_spot import LABELLER, conditions
+from thirdbody_three_spot import LABELLER
 from thirdbody_three_spot.balance import balance
 from thirdbody_three_spot.forecast import forecast, hull_corners
 
@@ -25,7 +25,7 @@ def test_plane_with_weight_against_linear_programs(seeds):
     for random in map(np.random.default_rng, 100 + np.array(seeds)):
         upper, lower = (random.uniform(-1.0, 1.0, random.integers(1, 4)) + random.uniform(-0.7, 0.7) for _ in range(2))
         h, mus, w = random.uniform(0.5, 2.0), random.uniform(0.05, 1.0, 2), random.choice([0.0, 0.3, 1.0])
-        scale = conditions.required_scale(upper, lower, h, *mus, w)
+        scale = theory.required_scale(upper, lower, h, *mus, w)
         sides = [np.column_stack([x, np.zeros(len(x))]) for x in (upper, lower)]
         held = cones.between_plates(*sides, h, *mus, w, axis=(1.0, 0.0, 0.0))
         assert cones.required_scale(held) == pytest.approx((scale, scale), rel=SOLVER, abs=SOLVER)
@@ -34,13 +34,13 @@ def test_plane_with_weight_against_linear_programs(seeds):
 
 def test_the_plane_in_numbers():
     upper, lower, h = (0.2,), (-2.0, 1.5), 4.0
-    assert conditions.planar_interval(upper, lower, h, 0.5) == pytest.approx(((0.2 - 2.25) / 4.0, 3.2 / 4.0), **ROUND)
+    assert theory.planar_interval(upper, lower, h, 0.5) == pytest.approx(((0.2 - 2.25) / 4.0, 3.2 / 4.0), **ROUND)
     # at the ends the lower resultant stands on a spot
-    for t, spot in zip(conditions.planar_interval(upper, lower, h, 0.5), (1.5, -2.0), strict=True):
+    for t, spot in zip(theory.planar_interval(upper, lower, h, 0.5), (1.5, -2.0), strict=True):
         assert theory.lower_resultant(0.2, t, h, 0.5) == pytest.approx(spot, rel=1e-14)
-    assert conditions.planar_interval((0.2,), (-2.0,), h)[0] == theory.two_spot_friction(0.2, -2.0, h)
+    assert theory.planar_interval((0.2,), (-2.0,), h)[0] == theory.two_spot_friction(0.2, -2.0, h)
     assert (
-        conditions.planar_interval(upper, lower, h)
+        theory.planar_interval(upper, lower, h)
         == theory.sliding_interval((0.2, *lower), h)
         == pytest.approx((-0.325, 0.55), **ROUND)
     )
@@ -53,9 +53,9 @@ def test_the_plane_in_numbers():
     assert theory.sliding_sides(*spots, 0.56, 0.56) == ()  # t_max = .55
     # two contacts stick from the friction angle
     alpha = theory.two_spot_friction(0.2, -0.4, 2.0)
-    assert conditions.required_scale((0.2,), (-0.4,), 2.0, alpha, alpha) == pytest.approx(1.0, rel=1e-14)
-    assert conditions.required_scale((0.2,), (-0.4,), 2.0, 0.0, 1.0) == math.inf
-    assert conditions.required_scale((0.2,), (0.2,), 2.0, 0.0, 0.0) == 0.0
+    assert theory.required_scale((0.2,), (-0.4,), 2.0, alpha, alpha) == pytest.approx(1.0, rel=1e-14)
+    assert theory.required_scale((0.2,), (-0.4,), 2.0, 0.0, 1.0) == math.inf
+    assert theory.required_scale((0.2,), (0.2,), 2.0, 0.0, 0.0) == 0.0
     # a steady drag ends sliding or tipping
     assert theory.dragged_friction(*spots, 0.3) == (0.3, "sliding")
     friction, state = theory.dragged_friction(*spots, 0.9)

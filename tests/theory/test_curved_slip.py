@@ -11,7 +11,7 @@ import pytest
 import three_spot_theory as theory
 from numba import njit
 from theory.exact_spot import D0, KAPPA, MU, E, G, R, circle
-from thirdbody_three_spot.exact import NODES, ExactParameters, exact
+from thirdbody_three_spot.exact import NODES, exact
 from thirdbody_three_spot.mdr import SpringParameters, springs
 
 from thirdbody.laws.data import Contact, Load
@@ -72,13 +72,13 @@ def error(name, steps, nodes=0, count=0, scale=1.0):
     """Largest miss along a path of so many steps, over mu N, of `exact` with nodes or of `mdr` with a count of springs. `scale`
     of overlaps and slips changes nothing in theory; it moves the edge of the patch over the springs of `mdr`."""
     make, which = PATHS[name]
-    law, p, h = (run_exact, ExactParameters, (0.0,) * 8) if nodes else (run_springs, SpringParameters, (0.0,) * 7)
+    law, h = (run_exact, (0.0,) * 8) if nodes else (run_springs, (0.0,) * 7)
     w, found = np.zeros(3 * nodes + 2 * count), []
     for d, slip in zip(*(scale * one for one in make(which, steps)), strict=True):
         n, w_new = theory.hertz_force(E, R, d), np.zeros(len(w))
         load = Load(n, n, theory.contact_radius(R, d), closed_forms.hertz_stiffness(E, R, d), 0.0)
         contact = Contact(d, R, 1.0, 0.0, slip[0], slip[1], 0.0, 0.0, 0.0, 0.0)
-        answer, h = law(contact, load, p(G, MU, KAPPA, 0.0), h, w, w_new)
+        answer, h = law(contact, load, SpringParameters(G, MU, KAPPA, 0.0), h, w, w_new)
         w = w_new
         found.append((answer.x, answer.y))
     miss = np.array(found)[steps // SEEN :: steps // SEEN] / scale**1.5 - witness(name)

@@ -45,7 +45,7 @@ def dragged(make, debris, pairs=None, speed=1e-3, plate=None, friction=MU, settl
         contact=model.Contact(level="mindlin", debris_contact=contact), domain=model.Domain(size=(SIZE, SIZE), periodic=True),
         solver=model.Solver(**({"duration": make.LONG, "settle": settle, "integrator": "implicit"} | solver)),
     )  # fmt: skip
-    pairs = tuple(model.Pair(between=names, friction=mu, restitution=0.6) for names, mu in frictions.items())
+    pairs = tuple(model.PairTable(between=names, friction=mu, restitution=0.6) for names, mu in frictions.items())
     return make.build(scene.model_copy(update={"pairs": pairs}))
 
 

@@ -71,13 +71,12 @@ def tangents(I, K, n, _):  # noqa: E741
 def evaluate(context, tables, y, r, J):
     n, made = len(tables.bodies), {}
     half_width = FREEDOMS * (int(tables.widths[0]) + 1) - 1
-    scratch = workspace.make_scratch(context, n, 1, FREEDOMS * n * (3 * half_width + 1), len(context.initial_overlaps))
+    scratch = workspace.make_scratch(context, n, 1, FREEDOMS * n * (3 * half_width + 1), len(context.start_depths))
     given = scratch._asdict()
     scratch = scratch._replace(**dict(zip(("spaces", "pair_spaces"), workspace.spaces_of(given), strict=True)))
     island, motion = plain(workspace.island_at, made)(0, tables), Motion(DT, 0.0, 0.0)
     scratch.starts[:] = context.starts
     scratch.coordinates[:, 0] = y.reshape(n, FREEDOMS)
-    scratch.before[:] = context.initial_overlaps
     m = plain(evaluate_island, made)(0.0, motion, context, island, scratch)
     plain(assemble, made)(m, False, motion, context, island, scratch)
     r[:] = scratch.coordinates[:, 2].ravel()
@@ -127,14 +126,14 @@ def tables(n_plates):
     P, Z = np.zeros((1, patch.WIDTH)), np.zeros((1, step_start.WIDTH))
     P[0, patch.FREE], P[0, patch.MASS], P[0, patch.LOAD] = 1.0, 0.2, 0.01
     Z[0, step_start.QUATERNION], Z[0, step_start.ARM], Z[0, step_start.MASS_FRACTION] = 1.0, 2.3, 1.0
-    Z[0, step_start.NOW], Z[0, step_start.BEFORE] = 1.5, 0.5
+    Z[0, step_start.NOW], Z[0, step_start.LAST] = 1.5, 0.5
     memory = np.zeros((1, step_memory.WIDTH))
     memory[0, step_memory.CANDIDATES] = n_plates
     return LAW | {
         "kind": np.zeros(n_plates, np.int32), "plate_edges": np.array([0, n_plates], np.int32),
         "plate_incidence": 2 * np.arange(n_plates, dtype=np.int32), "start": np.array([0, n]), "offsets": OFFSETS, "S": S, "B": B,
         "E": E, "orientations": np.eye(1, 4), "P": P, "H": np.zeros((n_plates, contact_state.LAW + HISTORY)), "starts": Z,
-        "memory": memory, "totals": np.zeros((1, run_totals.WIDTH)), "initial_overlaps": np.full(n_plates, 0.9 * OVERLAP),
+        "memory": memory, "totals": np.zeros((1, run_totals.WIDTH)), "start_depths": np.full(n_plates, 0.9 * OVERLAP),
         "D": np.zeros(domain.WIDTH),
     }  # fmt: skip
 
@@ -198,7 +197,7 @@ def rough_tables(rng, curved, force, closing):
     H[:, contact_state.SLIP], H[:, contact_state.LAW :] = contact_state.CLOSED, force * rng.uniform(-1.0, 1.0, HISTORY)
     axes = np.cross(Q[:, surface_contact.NORMAL3], unit(0.3, -0.5, 0.7))
     H[:, contact_state.AXIS3] = axes / np.maximum(np.linalg.norm(axes, axis=1), 1e-300)[:, None]
-    given["initial_overlaps"][plate == 1] = -0.3 * OVERLAP if closing else 0.9 * OVERLAP
+    given["start_depths"][plate == 1] = -0.3 * OVERLAP if closing else 0.9 * OVERLAP
     return given
 
 
@@ -283,7 +282,7 @@ def two_bodies(rng, force, closing):
     Z, P = np.zeros((2, step_start.WIDTH)), np.zeros((2, patch.WIDTH))
     Z[:, step_start.QUATERNION : step_start.QUATERNION + 4] = q
     Z[:, step_start.ARM] = 2.3, 1.7
-    Z[:, [step_start.MASS_FRACTION, step_start.NOW, step_start.BEFORE]] = 1.0, 1.5, 0.5
+    Z[:, [step_start.MASS_FRACTION, step_start.NOW, step_start.LAST]] = 1.0, 1.5, 0.5
     P[:, patch.FREE], P[:, patch.MASS] = 1.0, 0.2
     centres = np.einsum("nij,nj->ni", matrix_from_quaternion(q)[[0, 1]], offsets[[0, 3]])
     Z[0, :3] = centres[1] - centres[0] + (radii[0] + radii[3] - OVERLAP) * normal
@@ -296,7 +295,7 @@ def two_bodies(rng, force, closing):
         "offsets": offsets,
         "S": S, "B": B, "E": E, "orientations": q.copy(), "P": P, "Q": FLAT, "H": H, "starts": Z,
         "memory": np.zeros((2, step_memory.WIDTH)), "totals": np.zeros((2, run_totals.WIDTH)),
-        "initial_overlaps": np.array([-0.3 * OVERLAP if closing else 0.9 * OVERLAP]), "pairs_part": plain(pairs_part),
+        "start_depths": np.array([-0.3 * OVERLAP if closing else 0.9 * OVERLAP]), "pairs_part": plain(pairs_part),
     }  # fmt: skip
     island = {
         "bodies": np.arange(2), "body_edges": np.array([0, 2]), "position": np.arange(2), "widths": np.ones(1, np.int64),

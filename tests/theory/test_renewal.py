@@ -17,7 +17,7 @@ from thirdbody.laws.friction import COULOMB, MINDLIN
 from thirdbody.laws.renewal import RENEWAL, moved_ground
 from thirdbody.scene.model import ConstantVelocity, Effects, Motion
 
-LEVELS = {"mdr": (mdr.MDR, 64), "exact": (exact.EXACT, exact.width({"nodes": 48}))}
+LEVELS = {"mdr": (mdr.MDR, 64), "exact": (exact.EXACT, 3 * 48)}
 SPRINGS = {law.name: (law.sized({"renewal": "kalker"}), 0) for law in (MINDLIN, COULOMB)}
 EVERY = LEVELS | SPRINGS
 OVERLAP, RADIUS = 1e-9, 1e-6

@@ -243,7 +243,7 @@ def test_a_body_that_cannot_be_solved(make, choice):
     one = simulation.integrator
     one.advance_to(time=simulation.settle)
     assert one.summary()["unsolved"] == {}
-    one.memory[1, step_memory.CODE] = control.Stop.UNSOLVED
+    one.memory[1, step_memory.CODE] = control.BodyStop.UNSOLVED
     if choice == "stop":
         with pytest.raises(GuardStop, match="no step of body 1 at"):
             one.advance_to(distance=1e-7)

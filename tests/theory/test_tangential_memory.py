@@ -13,7 +13,7 @@ import three_spot_theory as theory
 from each import each
 from steel import scene_text
 from theory.spots import Spot
-from thirdbody_three_spot.exact import EXACT, NODES, ExactParameters
+from thirdbody_three_spot.exact import EXACT, NODES
 from thirdbody_three_spot.mdr import MDR, SpringParameters
 
 import thirdbody
@@ -184,7 +184,7 @@ LEVELS = {
     "mindlin": (MINDLIN, MindlinParameters(SHEAR, MU, KAPPA, 1.0)),
     "coulomb": (COULOMB, CoulombParameters(MU, 1e-3, SHEAR, 1.0)),
     "mdr": (MDR, SpringParameters(SHEAR, MU, KAPPA, 0.5), 2 * int(MDR.options[0].default)),
-    "exact": (EXACT, ExactParameters(SHEAR, MU, KAPPA, 0.5), 3 * int(NODES.default)),
+    "exact": (EXACT, SpringParameters(SHEAR, MU, KAPPA, 0.5), 3 * int(NODES.default)),
 }
 
 

@@ -6,7 +6,7 @@ import closed_forms
 import pytest
 import three_spot_theory as theory
 from each import each
-from thirdbody_three_spot.conditions import third_spot_position
+from thirdbody_three_spot.regime_map import third_spot_position
 
 DIGITS = 1e-13  # the numbers carry 15 digits; a few round-offs of double precision come on top
 APPROX = {"rel": DIGITS, "abs": 0.0}

@@ -5,10 +5,11 @@ import math
 import friction_cones
 import numpy as np
 import pytest
+import three_spot_theory as theory
 from each import each
 from slow import slow
 from theory.plain import plain
-from thirdbody_three_spot import classify, conditions, support
+from thirdbody_three_spot import classify, support
 
 from thirdbody import plugin as k
 
@@ -93,7 +94,7 @@ def test_in_the_plane_it_is_the_closed_form(w):
     ours = label(above, below, (0.7, -0.9), (0, 0, -w, 0, 0, 0), (0.4, 0.4), (-1.0, 0.0))
     if w < 0.0:  # turned over about y: sides change places, and so does the sign of x
         upper, lower, w = [-x for x in lower], [-x for x in upper], -w / (1.0 + w)
-    low, high = conditions.planar_interval(upper, lower, h, w)
+    low, high = theory.planar_interval(upper, lower, h, w)
     assert (ours["t_min"], ours["t_max"]) == pytest.approx((low, high), rel=1e-6)  # the solver's residual of 1e-8, some times
     assert ours["forecast"] == 3.0 == 1.0 + 2.0 * (low <= 0.4 <= high)
 

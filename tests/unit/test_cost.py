@@ -11,7 +11,7 @@ from thirdbody_three_spot import THREE_SPOT
 
 from thirdbody.scene.model import Scene
 from thirdbody.studies import cost, cost_report
-from thirdbody.studies.compare import Outcome, errors, label_difference, order, rms_error
+from thirdbody.studies.cost import Outcome, errors, order, rms_error
 from thirdbody.studies.cost_report import reference_error
 from thirdbody.studies.variants import CURVES, Base, Costs, Variant, variants_of
 
@@ -149,7 +149,7 @@ def test_errors_of_made_up_runs():
     # the second body has tipped; the first is .1 away across the boundary, in parts of the way .5
     assert found["position_error"] == pytest.approx(0.2, rel=1e-9)
     assert found["label_difference"] == pytest.approx(1.0 / 6.0, rel=1e-12)
-    assert math.isnan(label_difference(None, states))  # nothing to compare
+    assert math.isnan(errors(outcome(states=None), outcome())["label_difference"])  # nothing to compare
     assert errors(outcome(dissipated=2.5), outcome())["dissipation_error"] == pytest.approx(0.25, rel=1e-12)
     h = np.array([1.0, 0.5, 0.25])
     assert order(h, 3.0 * h**2) == pytest.approx(2.0, rel=1e-12) and math.isnan(order(h, [NAN, 0.0, 0.1]))

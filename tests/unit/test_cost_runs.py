@@ -3,7 +3,7 @@
 import json
 import math
 import time
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,13 +17,24 @@ from thirdbody.errors import InputError, OutputError, UsageError
 from thirdbody.kernels.tables import body
 from thirdbody.plot.figures import save
 from thirdbody.runner.simulate import prepare
-from thirdbody.studies import cost, cost_plot, cost_runs
-from thirdbody.studies.compare import read_outcome
-from thirdbody.studies.copies import FEWEST, FEWEST_THAT_MEET, Copy, StudySource, make_copy, reduce_scene, reductions, thin
-from thirdbody.studies.cost_bench import Bench, Overdue, compile_law, rate_point, time_point
+from thirdbody.studies import cost, cost_runs, pictures
+from thirdbody.studies.copies import (
+    FEWEST,
+    FEWEST_THAT_MEET,
+    Copy,
+    StudySource,
+    compile_law,
+    make_copy,
+    rate_point,
+    reduce_scene,
+    reductions,
+    thin,
+    time_point,
+)
+from thirdbody.studies.cost import read_outcome
 from thirdbody.studies.cost_command import StudyOptions, cost_command, study
 from thirdbody.studies.cost_report import LEFT_OUT, as_json, convergence, falling
-from thirdbody.studies.cost_runs import VariantRuns, repeats_of
+from thirdbody.studies.cost_runs import Bench, Overdue, VariantRuns, repeats_of
 from thirdbody.studies.point import DONE, INTERRUPTED, Point, PointResult, run_point
 from thirdbody.studies.timing import NUDGE, Late, bare, nudge, slower, timing
 from thirdbody.studies.variants import Costs
@@ -98,7 +109,7 @@ def test_the_json_and_the_picture_have_every_variant(made, tmp_path):  # noqa: F
     assert all(names <= set(variant) for variant in report["variants"]) and report["reference"] == "exact, step /4"
     assert report["variants"][3]["time_ratio"] == 2.0 and report["variants"][3]["springs"] == 16
     assert report["variants"][-2]["stable"] is False
-    figure = cost_plot.picture_of_study(made)
+    figure = pictures.picture_of_study(made)
     axes, legend = figure.axes[0], {text.get_text() for text in figure.legends[0].get_texts()}
     assert {"coulomb", "mindlin", "mdr 8", "mdr 16", "exact", "step x4"} <= {text.get_text() for text in axes.texts}
     assert {"efficient front, to the reference", "as in the scene", "recommended"} <= legend
@@ -209,7 +220,7 @@ def studied(bench, tmp_path):
 
 @pytest.mark.parametrize(
     ("budget", "pace", "compiling", "whole"),
-    [(30.0, 1.0, 0.0, False), (300.0, 1.0, 0.0, True), (90.0, 3.0, 0.0, False), (900.0, 3.0, 0.0, True), (60.0, 1.0, 1.0, False),
+    [(30.0, 1.0, 0.0, False), (300.0, 1.0, 0.0, True), (90.0, 3.0, 0.0, False), (900.0, 3.0, 0.0, True), (60.0, 1.0, 1.0, True),
      (45.0, 1.0, 1.0, False), (300.0, 1.0, 1.0, True)],
 )  # fmt: skip
 def test_a_budget_is_kept_and_no_cheap_variant_is_left_out_for_a_dear_one(budget, pace, compiling, whole, monkeypatch, tmp_path):
@@ -250,7 +261,7 @@ def test_a_copy_takes_the_time_that_it_is_made_for(file, tmp_path):
     scene = thirdbody.Scene.parse(copy.scene)
     assert scene.solver.distance < 4e-3 and "4 mm" in copy.reduction[0] and "the smallest that `auto` takes" in copy.reduction[-1]
     assert copy.base.kind == "explicit" and 0.0 < copy.base.step <= prepare(scene).state.dt
-    assert Copy.of(json.loads(json.dumps(copy.document()))) == copy
+    assert Copy.of(json.loads(json.dumps(asdict(copy)))) == copy
 
 
 def test_medians_and_how_far_they_may_be_off():

@@ -13,7 +13,6 @@ from PIL import Image
 from thirdbody.api import open_run
 from thirdbody.errors import InputError, MissingLibrary
 from thirdbody.palette import STATE_COLORS
-from thirdbody.render.coloring import Coloring, Legend
 from thirdbody.render.film import frame_numbers, gif, mp4
 from thirdbody.render.layout import compute_layout
 from thirdbody.render.picture_data import force_tubes, nearest_image, read_close_up, read_picture_data, read_spots
@@ -139,12 +138,11 @@ def test_the_other_body_of_a_contact_feels_the_opposite_force_at_the_nearest_ima
     contacts = {"position": np.array([[10.0, 5.0, 0.0]]), "body": np.array([1]), "partner": np.array([0]),
                 "force": np.array([[3.0, 0.0, 4.0]])}  # fmt: skip
     bodies = {"position": np.array([[9.9, 5.0, 0.0], [0.1, 5.0, 0.0]]), "id": np.array([0, 1])}
-    paint = Coloring(np.zeros(2), Legend("x", limits=(0.0, 1.0)))
     one = {"normal": np.array([[0.6, 0.0, 0.8]]), "normal_force": [5.0], "utilisation": [0.0], "contact_radius": [1.0]}
     run = SimpleNamespace(contacts=lambda frame: contacts | {name: np.array(values) for name, values in one.items()})
     owner, partner = (read_spots(run, 0, body, bodies["position"][body], None) for body in (1, 0))
     assert owner.force.tolist() == [[3.0, 0.0, 4.0]] and partner.force.tolist() == [[-3.0, 0.0, -4.0]]
-    tubes = force_tubes(contacts, bodies, np.zeros((2, 3)), np.array([10.0, 10.0]), paint)
+    tubes = force_tubes(contacts, bodies, np.zeros((2, 3)), np.array([10.0, 10.0]))
     assert tubes.force == pytest.approx([5.0, 5.0], rel=1e-12)
     # One tube from each centre to the contact between them, across the edge of the domain: 0.1 each, not 9.9.
     assert np.linalg.norm(tubes.end - tubes.start, axis=1) == pytest.approx([0.1, 0.1], rel=1e-9)
@@ -173,4 +171,4 @@ def test_a_run_without_forces_says_so(layer, tmp_path):
         contacts = run.contacts(0)
     del contacts["force"]
     with pytest.raises(InputError, match="recorded no forces"):
-        force_tubes(contacts, {"position": np.zeros((60, 3))}, np.zeros((60, 3)), None, Coloring(np.zeros(1), Legend("x")))
+        force_tubes(contacts, {"position": np.zeros((60, 3))}, np.zeros((60, 3)), None)

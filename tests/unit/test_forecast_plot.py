@@ -13,6 +13,7 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
+import thirdbody
 from thirdbody.api import open_run
 from thirdbody.kernels.tables import DEBRIS, LOWER, UPPER
 from thirdbody.palette import STATE_COLORS
@@ -287,7 +288,9 @@ def test_a_spot_whose_plate_falls_away_opens_unless_its_overlap_lasts():
 
 def test_a_run_gives_friction_by_plate_weight_and_neighbours(monkeypatch):
     """Two spots that lean by 0.1, the lower one on a slope of 0.15; a heavy foot beside the load; one that meets others."""
-    monkeypatch.setattr(slopes, "_acceleration", lambda run: np.array([0.0, 0.0, -1.0]))
+    falling = SimpleNamespace(effects=SimpleNamespace(gravity=[0.0, 0.0, -1.0]))
+    monkeypatch.setattr(thirdbody.Scene, "parse", lambda text: falling)
+    tables = {"effects": {"gravity": ["0 m/s2", "0 m/s2", "-1 m/s2"]}}
     one = support([(0.1, 0.0, 1.0), (-0.1, 0.0, -1.0)], [(0.0, 0.0), (0.15, 0.0)], 0.0, [True, False])
     foot = support([(0.55, 0.0, 0.5), (0.0, 0.0, -0.5)], np.zeros((2, 2)), 0.0, [True, False])
     cases, side, none = [one, foot, one], np.array([UPPER, LOWER] * 3 + [DEBRIS]), np.zeros((1, 3))
@@ -298,7 +301,8 @@ def test_a_run_gives_friction_by_plate_weight_and_neighbours(monkeypatch):
     bodies = {"position": np.zeros((3, 3)), "mass": np.array([0.0, 1.0, 0.0]), "material": np.array([0, 1, 0])}
     for lower, upper, verdict in ((0.3, 0.15, POSSIBLE), (0.15, 0.3, IMPOSSIBLE)):  # needed: tan 14.2 degrees below, 0.1 above
         monkeypatch.setattr(slopes, "plate_friction", lambda run, mu=(lower, upper): np.array([[mu[0], 0.6], [mu[1], 0.6]]))
-        found = slopes.slope_forecast(SimpleNamespace(bodies=lambda k: bodies, contacts=lambda k: contacts), 0, ALONG_X)
+        run = SimpleNamespace(bodies=lambda k: bodies, contacts=lambda k: contacts, scene_tables=tables, scene_text="")
+        found = slopes.slope_forecast(run, 0, ALONG_X)
         assert found.supported.tolist() == [True, True, False] and found.stick[:2].tolist() == [verdict, POSSIBLE]
 
 

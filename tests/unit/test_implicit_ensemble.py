@@ -15,7 +15,7 @@ from thirdbody.engine.guards import Ledger
 from thirdbody.engine.snapshot import restore, snapshot
 from thirdbody.kernels.implicit import jacobian, newton
 from thirdbody.kernels.implicit.contact import NOWHERE, ZERO_TENSOR, ContactOfSides, Side, add_planar
-from thirdbody.kernels.implicit.jacobian import add_curved
+from thirdbody.kernels.implicit.jacobian import add_general
 from thirdbody.kernels.step_tables import step_start
 from thirdbody.kernels.tables import sphere
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output
@@ -178,7 +178,7 @@ def by_blocks(contact):
 @njit
 def by_columns(contact):
     J = np.zeros(49)
-    add_curved(contact, J, 7, 0)
+    add_general(contact, J, 7, 0)
     return J
 
 

@@ -351,6 +351,7 @@ def test_the_suffix_is_the_format_and_equal_pages_are_equal_files(folder, tmp_pa
 
 def test_the_command_and_python_write_what_they_name(command, run, folder, tmp_path):
     command = partial(command, "plot")
+    assert set(NAMES) <= set(command("--help")[1].replace(",", " ").split())
     assert command("run", "-o", "x.svg", "--panel", "states", "--panel", "energy", "--frame", "3") == (0, "x.svg\n", "")
     text = (tmp_path / "x.svg").read_text(encoding="utf-8")
     assert "States of the 8 bodies" in text and "Energy: " in text and "Contacts, " not in text

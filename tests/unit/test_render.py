@@ -21,7 +21,7 @@ from thirdbody.export.tables import export_csv
 from thirdbody.palette import CATEGORY_COLORS, STATE_COLORS, category_colors, field_colors, rgb, state_colors
 from thirdbody.plot.summary_page import page
 from thirdbody.render import elsewhere
-from thirdbody.render.coloring import Coloring, Legend, compute_coloring
+from thirdbody.render.coloring import Legend, compute_coloring, scale_colors
 from thirdbody.render.layout import close_up_window
 from thirdbody.render.picture_data import TUBE, read_picture_data
 from thirdbody.render.render import render
@@ -159,7 +159,7 @@ def test_fields_reasons_and_counts_in_the_legend(layer):
         speed, utilisation, reasons = (read_picture_data(run, 0, color) for color in ("speed", "utilisation", "reason"))
         kept = read_picture_data(run, 0, "state_reason", scale=Legend(codes=(0, 1, 2)))
         gap = {"state_reason": np.array([0, 2], np.uint8)}
-        gapped = compute_coloring(run, 0, "reason", gap, {}, np.arange(2), Legend())
+        gapped_colors, gapped, _ = compute_coloring(run, 0, "reason", gap, {}, np.arange(2), Legend())
         states, counts = read_picture_data(run, -1, "state"), np.bincount(run.states[-1], minlength=4)
         lengths, across = np.linalg.norm(run.bodies(0)["velocity"], axis=1), read_picture_data(run, 0, "velocity_y")
         assert across.legend.limits == (run.bodies(0)["velocity"][:, 1].min(), run.bodies(0)["velocity"][:, 1].max())
@@ -168,7 +168,7 @@ def test_fields_reasons_and_counts_in_the_legend(layer):
             with pytest.raises(InputError, match=f"no array '{name}'"):
                 read_picture_data(run, 0, name)
     assert speed.legend.limits == (lengths.min(), lengths.max()) and speed.legend.unit == "m/s"
-    ends = Coloring(np.zeros(0), speed.legend).colors(np.array(speed.legend.limits))
+    ends = scale_colors(np.array(speed.legend.limits), speed.legend)
     assert ends.tolist() == field_colors(np.array([0.0, 1.0])).tolist()
     with open_run(layer) as run:
         film = read_picture_data(run, 0, "speed", scale=Legend(limits=(0.0, 9.0)))
@@ -180,8 +180,8 @@ def test_fields_reasons_and_counts_in_the_legend(layer):
     assert [tone for _, tone in reasons.legend.entries] == list(CATEGORY_COLORS[:3])
     assert kept.legend.entries == reasons.legend.entries
     # where a code does not occur the others keep the colours of their bodies
-    assert [rgb(tone) for _, tone in gapped.legend.entries] == [tuple(tone) for tone in gapped.colors(gapped.values)]
-    assert [tone for _, tone in gapped.legend.entries] == [CATEGORY_COLORS[0], CATEGORY_COLORS[2]]
+    assert [rgb(tone) for _, tone in gapped.entries] == [tuple(tone) for tone in gapped_colors]
+    assert [tone for _, tone in gapped.entries] == [CATEGORY_COLORS[0], CATEGORY_COLORS[2]]
     assert [int(re.findall(r"  (\d+)  ", words)[0]) for words, _ in states.legend.entries] == list(counts)
     assert "10 µs" in states.facts and "20 µm" in states.facts and "0.31" in states.facts
 

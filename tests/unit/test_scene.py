@@ -65,7 +65,7 @@ def test_a_scene_built_in_python_is_the_one_of_the_file():
     upper = {"material": "steel", "support": "load_per_particle", "load": 1e-4, "motion": {"x": {"velocity": 1}}}
     scene = Scene(
         title="what it shows", materials={"steel": STEEL}, domain=model.Domain(size=("600 um", 400e-6)),
-        pairs=[model.Pair(between=("steel", "steel"), friction=0.3, restitution=0.6)],
+        pairs=[model.PairTable(between=("steel", "steel"), friction=0.3, restitution=0.6)],
         debris=[Irregular(material="steel", count=2000, size=size, spheres=(4, 8), aspect=np.array([1.0, 0.8, 0.6]))],
         plates=model.Plates(lower=model.LowerPlate(material="steel"), upper=upper), contact=Contact(level="mdr", springs=32),
         effects=model.Effects(gravity=(0, 0, -9.81)), solver=model.Solver(distance=20e-6),

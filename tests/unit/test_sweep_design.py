@@ -9,11 +9,10 @@ from balls import BALLS
 from thirdbody.errors import InputError, UsageError
 from thirdbody.palette import STATE_COLORS
 from thirdbody.scene.model import Scene
-from thirdbody.studies.folder import save_plan
+from thirdbody.studies.folder import average, save_plan
 from thirdbody.studies.plan import make_plan
 from thirdbody.studies.point import DONE, FAILED, PointResult, write_result
 from thirdbody.studies.sweep_file import read_sweep, sweep_of_options, sweep_of_python
-from thirdbody.studies.sweep_table import average
 from thirdbody.sweeps import Sweep
 
 HEAD = 'sweep = 1\nscene = "scene.toml"\n'

@@ -11,7 +11,7 @@ from thirdbody import units
 from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.assembly.populate import position_key, refuse_outside
 from thirdbody.assembly.schedule import first_load
-from thirdbody.bodies.overlap_removal import CEILING, FLOOR, Outcome, OverlapRemoval, Overlaps, Walls
+from thirdbody.bodies.overlap_removal import CEILING, FLOOR, OverlapRemoval, Overlaps, RemovalOutcome, Walls
 from thirdbody.engine.placed import Placed
 from thirdbody.errors import InputError
 from thirdbody.scene.model import Scene
@@ -180,9 +180,9 @@ class _Start:
             outcome, done = removal.relax(1.0, left)
             left -= done
             after = removal.overlaps()
-            if outcome is Outcome.RELAXED or after.largest <= expected:
+            if outcome is RemovalOutcome.RELAXED or after.largest <= expected:
                 return after
-            if outcome is Outcome.SPENT:
+            if outcome is RemovalOutcome.SPENT:
                 break
             pushed = np.unique(np.concatenate((after.first, after.second[after.second >= 0])))
             removal.X[pushed] += _KICK * rng.standard_normal((len(pushed), 3))
@@ -196,7 +196,7 @@ class _Start:
     def _refused(self, body: int, message: str) -> InputError:
         return InputError(self.scene.fault(position_key(self.scene, self.placed, int(self.members[body])), message))
 
-    def _reason(self, outcome: Outcome, before: Overlaps, after: Overlaps) -> str:
+    def _reason(self, outcome: RemovalOutcome, before: Overlaps, after: Overlaps) -> str:
         a, b = int(after.first[0]), int(after.second[0])
         who = f"body {self.members[a]} and {_WALLS[b]}" if b < 0 else f"bodies {self.members[a]} and {self.members[b]}"
         what = (
@@ -206,7 +206,7 @@ class _Start:
         height = float(self.removal.walls.high[2]) * self.unit
         size = self.scene.domain.size
         fraction = self.volume / (size[0] * size[1] * height)
-        if outcome is Outcome.SPENT:
+        if outcome is RemovalOutcome.SPENT:
             return f"{what}; the limit of {_LIMIT} steps is reached"
         if math.isfinite(height) and fraction > _CROWDED:
             filled = f"would fill {fraction:.2g} of the space up to the plate"

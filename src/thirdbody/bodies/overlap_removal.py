@@ -45,7 +45,7 @@ _LIMIT = 4000
 Array = np.ndarray
 
 
-class Outcome(IntEnum):
+class RemovalOutcome(IntEnum):
     """How a call of `relax` ended."""
 
     RELAXED = 0  # no overlap of the spheres, enlarged by the clearance, exceeds half of it, so nothing touches
@@ -165,7 +165,7 @@ def _moved_beyond(S, S0, skin):
 
 @njit(**OPTIONS)
 def relax(bodies, motion, scale, own, partner, walls, limit):
-    """Remove overlaps of rigid bodies by FIRE (with both corrections of Guenole et al. 2020); return (`Outcome`, steps).
+    """Remove overlaps of rigid bodies by FIRE (with both corrections of Guenole et al. 2020); return (`RemovalOutcome`, steps).
 
     own, partner: pairs of spheres that may overlap until one has moved by half the skin; limit: largest number of steps. Lengths
     are in units of a typical radius. Under an open top a body stops as soon as nothing pushes it: else the uppermost ones would
@@ -179,7 +179,7 @@ def relax(bodies, motion, scale, own, partner, walls, limit):
     for step in range(limit):
         max_overlap, worst = _repulsion(bodies, own, partner, walls, F)
         if worst <= 0.5 * walls.clearance:
-            return Outcome.RELAXED, step
+            return RemovalOutcome.RELAXED, step
         power, speed, force, max_force = 0.0, 0.0, 0.0, 0.0
         for b in range(n):
             here = 0.0
@@ -190,7 +190,7 @@ def relax(bodies, motion, scale, own, partner, walls, limit):
             force += here
             max_force = max(max_force, here)
         if math.sqrt(max_force) < _BALANCED * max_overlap:
-            return Outcome.JAMMED, step
+            return RemovalOutcome.JAMMED, step
         if power > 0.0:
             memory[DOWNHILL] += 1.0
             if memory[DOWNHILL] > _DELAY:
@@ -212,8 +212,8 @@ def relax(bodies, motion, scale, own, partner, walls, limit):
         _advance(X, Q, V, memory[DT], lever, 0.1)
         pose(X, Q, bodies, scale)
         if _moved_beyond(bodies.S, S0, 0.5 * _SKIN):
-            return Outcome.MOVED, step + 1
-    return Outcome.SPENT, limit
+            return RemovalOutcome.MOVED, step + 1
+    return RemovalOutcome.SPENT, limit
 
 
 class Overlaps(NamedTuple):
@@ -249,16 +249,16 @@ class OverlapRemoval:
         self.shapes = RigidBodies(rel, self.radii, self.body, starts, lever, np.empty((len(self.radii), 3)), self.S)
         self.X, self.Q = np.empty((len(clumps), 3)), np.empty((len(clumps), 4))
 
-    def relax(self, size: float, limit: int) -> tuple[Outcome, int]:
+    def relax(self, size: float, limit: int) -> tuple[RemovalOutcome, int]:
         """Remove the overlaps of bodies scaled by `size` in at most `limit` steps; return how it ended, and the steps."""
         motion = Motion(self.X, self.Q, np.zeros((len(self.X), 6)), np.array([0.1, 0.25, 0.0]))
         left = limit
         while left > 0:
             code, done = relax(self.shapes, motion, size, *self._search(size), self.walls, left)
             left -= done
-            if code != Outcome.MOVED:
-                return Outcome(code), limit - left
-        return Outcome.SPENT, limit
+            if code != RemovalOutcome.MOVED:
+                return RemovalOutcome(code), limit - left
+        return RemovalOutcome.SPENT, limit
 
     def overlaps(self) -> Overlaps:
         """Return the overlaps of the bodies at their true size."""
@@ -351,7 +351,7 @@ def _grown(clumps: Sequence[Clump], fraction: float, walls: Walls, rng: np.rando
     while True:
         before = bed.X.copy(), bed.Q.copy()
         trial = min(1.0, size * math.exp(step))
-        if bed.relax(trial, _LIMIT)[0] is Outcome.RELAXED:
+        if bed.relax(trial, _LIMIT)[0] is RemovalOutcome.RELAXED:
             if trial == 1.0:
                 return 1.0, bed
             size, step = trial, min(1.5 * step, _STEP)

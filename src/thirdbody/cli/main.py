@@ -7,10 +7,11 @@ from typing import Annotated, Any, Literal
 import typer
 
 from thirdbody.cli.command_group import Command, Group
-from thirdbody.cli.option_groups import Execution, Image, Json, MeshFit, Plugins, Settings, grouped, override_pairs
+from thirdbody.cli.option_groups import Execution, Image, Json, MeshFit, Plugins, Settings, grouped, override_pairs, seconds_of
 from thirdbody.cli.starter_files import new
 from thirdbody.cli.studies import cost, sweep
 from thirdbody.errors import GuardStop, Interrupted, ThirdbodyError, UsageError
+from thirdbody.plot import NAMES as PANELS
 from thirdbody.system.signals import stop_on_signal
 from thirdbody.system.terminal import guarded_streams, print_line, printable_output
 
@@ -175,7 +176,8 @@ def plot(
     run: Annotated[Path, typer.Argument(metavar="RUN|SWEEP", help="run folder or its run.vtkhdf, or folder of a sweep")],
     out: Annotated[Path, typer.Option("--out", "-o", help="picture file: .png, .pdf or .svg")] = Path("plot.png"),
     panel: Annotated[
-        list[str] | None, typer.Option("--panel", metavar="NAME", help="panel, or a series of the run [all that apply]")
+        list[str] | None,
+        typer.Option("--panel", metavar="NAME", help=f"{', '.join(PANELS)}, or a series of the run [all that apply]"),
     ] = None,
     frame: Annotated[int, typer.Option("--frame", help="frame of the contacts, negative from the end")] = -1,
     x: Annotated[str | None, typer.Option("--x", metavar="KEY", help="sweep: axis of the picture")] = None,
@@ -260,18 +262,9 @@ def surface(
     json: Json = False,
 ) -> None:
     """Describe a measured surface or that of a scene's plate, convert it to NPZ, draw it."""
-    from thirdbody.report import surface as report
+    from thirdbody.report.surface import surface_report
 
-    targets = out or []
-    report.check_targets(path, targets, plate, unit or spacing)
-    if path.suffix.lower() in report.SCENES:
-        one = report.describe_plate(path, plate, override_pairs(settings), plugin or (), targets)
-    else:
-        one = report.describe_scan(path, unit, spacing, targets)
-    report.surface_report(one, json)
-    report.draw_described(one, targets)
-    for target in targets:
-        print_line(target, err=json)
+    surface_report(path, out or [], plate, (unit, spacing), override_pairs(settings), plugin or (), json)
 
 
 app.command(cls=Command)(sweep)
@@ -300,33 +293,21 @@ def laws(
 
 
 def _wall_times(execution: Execution) -> Any:
-    from thirdbody import units
     from thirdbody.runner.run_loop import WallTimes
 
-    result = {}
-    given = (("--checkpoint-every", "every", execution.every), ("--wall-limit", "limit", execution.wall_limit))
-    for option, key, text in given:
-        if text is not None:
-            try:
-                result[key] = units.parse(text, "time")
-            except ValueError as error:
-                raise UsageError(f"{option}: {error}") from None
-            if result[key] < 0.0:
-                raise UsageError(f"{option}: {text} must be at least 0 s")
-    return WallTimes(**result)
+    given = {"every": ("--checkpoint-every", execution.every), "limit": ("--wall-limit", execution.wall_limit)}
+    return WallTimes(**{key: seconds_of(option, text) for key, (option, text) in given.items() if text is not None})
 
 
 def _execute(built: Any, folder: Path, execution: Execution, **options: Any) -> None:
-    from contextlib import nullcontext
-
     from thirdbody.report.tables import run_report
-    from thirdbody.runner.progress import reporter_for_terminal
+    from thirdbody.runner.progress import reporting
     from thirdbody.runner.simulate import execute
 
     problem: GuardStop | Interrupted | None = None
     with stop_on_signal() as stop:
         try:
-            with nullcontext() if execution.quiet else reporter_for_terminal(built.scene.title, built.announcement) as report:
+            with reporting(not execution.quiet, built.scene.title, built.announcement) as report:
                 execute(built, folder, execution.threads, report, stop=stop, **options)
         except (GuardStop, Interrupted) as error:
             problem = error

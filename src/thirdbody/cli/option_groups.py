@@ -52,6 +52,19 @@ def override_pairs(settings: list[str] | None) -> dict[str, str]:
     return pairs
 
 
+def seconds_of(option: str, text: str) -> float:
+    """Return the time that an option gives [s]. Raises UsageError."""
+    from thirdbody import units
+
+    try:
+        seconds = units.parse(text, "time")
+    except ValueError as error:
+        raise UsageError(f"{option}: {error}") from None
+    if seconds < 0.0:
+        raise UsageError(f"{option}: {text} must be at least 0 s")
+    return seconds
+
+
 class Execution(NamedTuple):
     """How a run is carried out and reported."""
 

@@ -13,7 +13,7 @@ from thirdbody.errors import MissingLibrary, OutputError, UsageError, nearest
 from thirdbody.system.terminal import print_line
 
 SCENES = "thirdbody_scenes"
-TEMPLATE, TEMPLATE_FILE = "thirdbody_template", "dmt_adhesion.py"
+TEMPLATES = "thirdbody_template"
 
 
 def _completions(incomplete: str) -> list[str]:
@@ -38,18 +38,15 @@ def new(
         raise UsageError("--json: only with --list")
     if source is not None and plugin:
         raise UsageError("--from copies a scene and --plugin writes a plug-in: give one of them")
-    if plugin:
-        template = (_folder(TEMPLATE) / TEMPLATE_FILE).read_bytes()
-        written, then = write_new({path or Path("my_law.py"): template}), "laws --check"
-    elif source is not None:
+    if source is not None:
         name = source.removesuffix(".toml")
         written = copy_scene(name, path or Path(f"{Path(name).name}.toml"))
         is_sweep = "sweep" in _document(written[0])
         then = "balance" if name.startswith("balance/") else "sweep --dry-run" if is_sweep else "check"
     else:
-        from thirdbody.scene.keys import TEMPLATE as SCENE
-
-        written, then = write_new({path or Path("scene.toml"): SCENE.encode()}), "check"
+        scene, law = ("new_scene.toml", "scene.toml", "check"), ("dmt_adhesion.py", "my_law.py", "laws --check")
+        template, name, then = law if plugin else scene
+        written = write_new({path or Path(name): (_folder(TEMPLATES) / template).read_bytes()})
     print_line(f"{', '.join(map(str, written))} written; next: thirdbody {then} {written[0]}")
 
 

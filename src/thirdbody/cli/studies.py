@@ -2,11 +2,11 @@
 
 import os
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import typer
 
-from thirdbody.cli.option_groups import Cluster, Json, Plugins, Quiet, Settings, Study, grouped, override_pairs
+from thirdbody.cli.option_groups import Cluster, Json, Plugins, Quiet, Settings, Study, grouped, override_pairs, seconds_of
 from thirdbody.errors import UsageError
 from thirdbody.system.terminal import print_line
 
@@ -27,7 +27,6 @@ def cost(
     json: Json = False,
 ) -> None:
     """Compare accuracy and run time of the laws, springs, time steps and integrators that a scene can use."""
-    from thirdbody import units
     from thirdbody.plot.figures import FORMATS, checked_path
     from thirdbody.studies.copies import StudySource
     from thirdbody.studies.cost_command import StudyOptions, cost_command
@@ -36,10 +35,7 @@ def cost(
         if not quiet:
             print_line(text, err=True)
 
-    try:
-        seconds = units.parse(study.budget, "time")
-    except ValueError as error:
-        raise UsageError(f"--budget: {error}") from None
+    seconds = seconds_of("--budget", study.budget)
     if not 0.0 < seconds <= LONGEST:
         raise UsageError(f"--budget {study.budget}: must be above 0 s and at most {LONGEST / 86400.0:g} days")
     only = tuple(study.only or ())
@@ -93,15 +89,17 @@ def sweep(
     cluster: Cluster,
 ) -> None:
     """Run a scene at many points: a table of results, a folder per point; failed points are rows too."""
-    from thirdbody.studies.dask import dask_client
-    from thirdbody.studies.sweep import Execution, SweepArguments, sweep_command
+    from thirdbody.scene.settings import toml_value
+    from thirdbody.studies.sweep import Execution, plan_of_options, sweep_command
+    from thirdbody.studies.workers import dask_client
 
     if continuation.retry not in (None, "failed"):
         raise UsageError(f"--retry {continuation.retry}: write --retry failed")
-    given = {"design": points.design, "samples": points.samples, "results": points.result, "keep": points.keep}
+    given: dict[str, Any] = {"design": points.design, "samples": points.samples, "results": points.result, "keep": points.keep}
+    given["settings"] = {key: toml_value(text) for key, text in override_pairs(points.settings).items()} or None
     options = {name: value for name, value in given.items() if value is not None}
-    arguments = SweepArguments(path, out, points.vary or (), override_pairs(points.settings), options, plugin or ())
     resume, retry = continuation.resume or continuation.retry is not None, continuation.retry is not None
     with dask_client(cluster.dask, cluster.cluster) as client:
         execution = Execution(client, continuation.workers, resume, retry)
-        sweep_command(arguments, execution, continuation.dry_run, continuation.quiet, continuation.json)
+        plan, folder = plan_of_options(path, out, points.vary or (), options, plugin or ())
+        sweep_command(plan, folder, execution, continuation.dry_run, continuation.quiet, continuation.json)

@@ -11,15 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from thirdbody.engine.islands import BATCH
 from thirdbody.engine.state import Action, Array, State
+from thirdbody.engine.units import BATCH
 from thirdbody.engine.upper_plate import direct_reaction, value_before
 from thirdbody.errors import GuardStop
 from thirdbody.jit.threads import MIN_BODIES, pieces_of
 from thirdbody.kernels.arguments import Motion
 from thirdbody.kernels.implicit import common_plate as kernel
 from thirdbody.kernels.implicit import control
-from thirdbody.kernels.implicit.control import EASY, NEARLY, StepLimit, Stop
+from thirdbody.kernels.implicit.control import EASY, NEARLY, BodyStop, StepLimit
 from thirdbody.kernels.implicit.residual import MAX_ROTATION
 from thirdbody.kernels.step_tables import body_solution, step_memory, step_settings
 from thirdbody.kernels.tables import LOWER, contact_state, patch, record, run_totals
@@ -99,7 +99,8 @@ class CommonPlate:
                         f"stopped at t = {time:.6g} s: no balance was found for the upper plate, which all bodies carry together"
                     )
                 body = int(np.argmax(lost))
-                one.memory[body, step_memory.CODE] = Stop.CROWDED if ends[body, body_solution.CROWDED] > 0.0 else Stop.UNSOLVED
+                crowded = ends[body, body_solution.CROWDED] > 0.0
+                one.memory[body, step_memory.CODE] = BodyStop.CROWDED if crowded else BodyStop.UNSOLVED
                 raise GuardStop(one.explain(body))
         self.each_island(kernel.accept_at, (end, whole, cuts), Motion(dt, v_x, v_y))
         self._accept(dt, step, load, (v_x, v_y))

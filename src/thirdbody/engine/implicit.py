@@ -19,18 +19,19 @@ from thirdbody.engine import accuracy as limits
 from thirdbody.engine.accuracy import CREATED_ENERGY_GUARD, Accuracy
 from thirdbody.engine.common_plate import CommonPlate
 from thirdbody.engine.guards import name_of, partner_of, set_guards
-from thirdbody.engine.islands import BATCH, Islands, ThreadScratch, island_stride, single_bodies
+from thirdbody.engine.islands import Islands, ThreadScratch, island_stride, single_bodies
 from thirdbody.engine.measures import labels, update_measures
 from thirdbody.engine.meeting import Meeting
 from thirdbody.engine.neighbours import search, update_closest_points
 from thirdbody.engine.state import SUMMED, Action, Array, State, constant_arguments, rayleigh_times, table_arguments
+from thirdbody.engine.units import BATCH
 from thirdbody.engine.upper_plate import at_time
 from thirdbody.errors import GuardStop
 from thirdbody.jit.arguments import Packer, address
 from thirdbody.jit.threads import distribute, parts_of
 from thirdbody.kernels.arguments import LAW
 from thirdbody.kernels.implicit import books, driver, pairs, rough, spots_part
-from thirdbody.kernels.implicit.control import StepLimit, Stop
+from thirdbody.kernels.implicit.control import BodyStop, StepLimit
 from thirdbody.kernels.implicit.workspace import FREEDOMS, ISLANDS, KINDS, PART, STAGE, UPDATE_MINIMA, ImplicitContext
 from thirdbody.kernels.step_tables import body_solution, sphere_path, step_memory, step_settings, step_start
 from thirdbody.kernels.tables import domain, patch, run_totals, surface_contact
@@ -80,7 +81,7 @@ class Implicit:
         self.totals = np.zeros((state.n_bodies, run_totals.WIDTH))
         shared = state.n_bodies if together else 0
         self.starts, self.ends = np.zeros((shared, step_start.WIDTH)), np.zeros((shared, FREEDOMS))
-        self.solutions, self.initial_overlaps = np.zeros((shared, body_solution.WIDTH)), np.zeros(0)
+        self.solutions = np.zeros((shared, body_solution.WIDTH))
         self.paths = np.zeros((state.n_spheres if self.meets else 0, sphere_path.WIDTH))
         self.memory = np.zeros((state.n_bodies, step_memory.WIDTH))
         smallest = np.minimum.reduceat(state.spheres.radius, state.start[:-1])
@@ -130,7 +131,7 @@ class Implicit:
 
     def connect(self, islands: Islands) -> None:
         self.islands = islands
-        self.initial_overlaps = np.zeros(self.state.slots.count if self.meets or self.together else 0)
+        self.start_depths = np.zeros(self.state.slots.count)
         self.scratch_of_threads.fit((*islands.largest(), self.max_per_body))
 
     def advance_to(
@@ -187,8 +188,8 @@ class Implicit:
     def _waiting(self, first: int, last: int, until: float) -> int:
         codes, times = self.memory[:, step_memory.CODE], self.totals[:, run_totals.TIME]
         if not self.meeting:
-            return int(np.count_nonzero((codes[first:last] == Stop.NONE) & (times[first:last] < until)))
-        return self.islands.waiting(codes != Stop.NONE, times < until)
+            return int(np.count_nonzero((codes[first:last] == BodyStop.NONE) & (times[first:last] < until)))
+        return self.islands.waiting(codes != BodyStop.NONE, times < until)
 
     def export_state(self) -> tuple[dict[str, Array], dict[str, Any]]:
         arrays = {"totals": self.totals, "memory": self.memory}
@@ -234,7 +235,7 @@ class Implicit:
         return self._pack(
             ImplicitContext(  # type: ignore[call-arg]
                 **self._constant, **table_arguments(self.state), kind=self.state.slots.kind, plate_edges=self.edges,
-                plate_incidence=self.incidence, initial_overlaps=self.initial_overlaps,
+                plate_incidence=self.incidence, start_depths=self.start_depths,
             )
         )  # fmt: skip
 
@@ -258,9 +259,9 @@ class Implicit:
     def refuse_stopped(self) -> None:
         """Raise GuardStop for the first stopped body; with `skip_unsolved`, bodies without a solution are skipped."""
         codes = self.memory[:, step_memory.CODE]
-        stopped = np.flatnonzero(codes != Stop.NONE)
+        stopped = np.flatnonzero(codes != BodyStop.NONE)
         if self.accuracy.skip_unsolved:
-            stopped = stopped[codes[stopped] != Stop.UNSOLVED]
+            stopped = stopped[codes[stopped] != BodyStop.UNSOLVED]
         if len(stopped):
             raise GuardStop(self.explain(int(stopped[0])))
 
@@ -285,7 +286,7 @@ class Implicit:
     def summary(self) -> dict[str, Any]:
         steps, T, state = self.totals[:, run_totals.STEPS], self.memory, self.state
         total = max(float(steps.sum()), 1.0)
-        lost = np.flatnonzero(T[:, step_memory.CODE] == Stop.UNSOLVED)
+        lost = np.flatnonzero(T[:, step_memory.CODE] == BodyStop.UNSOLVED)
         return {
             "integrator": "implicit", "steps": int(steps.sum()), "sphere_steps": int(steps @ np.diff(state.start)),
             "steps_per_body": float(steps.mean()), "longest_step": float(T[:, step_memory.LONGEST_DRAG].max()),
@@ -300,18 +301,18 @@ class Implicit:
         s, totals = self.state, self.totals[body]
         code, when = int(self.memory[body, step_memory.CODE]), f"stopped at t = {totals[run_totals.TIME]:.6g} s"
         who = name_of(body, s)
-        if code == Stop.OVERLAP:
+        if code == BodyStop.OVERLAP:
             slot = int(self.memory[body, step_memory.SLOT])
             own, partner = int(s.slots.own[slot]), int(s.slots.partner[slot])
             radius = s.spheres.radius[own] if partner < 0 else min(s.spheres.radius[own], s.spheres.radius[partner])
             ratio, limit = s.slots.records.overlap[slot] / radius, s.D[domain.OVERLAP_GUARD]
             text = f"sinks into {partner_of(s, slot, body)} by {ratio:.2f} of the radius (guard: {limit:g})"
             return f"{when}: {who} {text}; a lower load is needed"
-        if code == Stop.LEFT:
+        if code == BodyStop.LEFT:
             return f"{when}: {who} left the domain"
-        if code == Stop.CROWDED:
+        if code == BodyStop.CROWDED:
             return f"{when}: {who} has more than {TILE} loaded spots, which the implicit integrator cannot hold"
-        if code == Stop.BAD_BODY:
+        if code == BodyStop.BAD_BODY:
             return f"{when}: the position of body {s.order[body]} is not a number"
         slots, loaded = s.slots, []
         for entry in slots.incidence[slots.edges[body] : slots.edges[body + 1]]:

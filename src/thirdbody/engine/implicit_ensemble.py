@@ -12,8 +12,8 @@ import numpy as np
 
 from thirdbody.engine.candidates import ClosedRows
 from thirdbody.engine.implicit import Implicit
-from thirdbody.engine.islands import BATCH
 from thirdbody.engine.state import State, table
+from thirdbody.engine.units import BATCH
 from thirdbody.jit.arguments import address
 from thirdbody.jit.threads import allowed_threads, distribute
 from thirdbody.kernels.implicit import driver
@@ -42,6 +42,7 @@ class ImplicitEnsemble(Implicit):
         closed = slots.rows.closed()
         slots.rows = ClosedRows.of(edges, BATCH, closed, (slots.H[closed], slots.R[closed]))
         slots.outer, slots.near, slots.closed = slots.outer[:0].copy(), slots.near[:0].copy(), slots.closed[:0].copy()
+        self.start_depths = np.zeros(0)
         if state.S is not state.B:
             state.radii, state.sphere_table = state.S[:, sphere.RADIUS].copy(), None
 
@@ -59,7 +60,7 @@ class ImplicitEnsemble(Implicit):
         def worker() -> Callable[[int], None]:
             packed, scratch = context.copy(), self.scratch()
             H, R = (np.zeros((self.max_per_body, width)) for width in rows.widths)
-            one = OneBody(H, R, table(spheres, sphere.WIDTH), state.radii)
+            one = OneBody(H, R, table(spheres, sphere.WIDTH), np.zeros(self.max_per_body), state.radii)
             new = ClosedContacts(np.zeros(largest, np.int32), *(np.zeros((largest, width)) for width in rows.widths))
 
             def advance(number: int) -> None:

@@ -14,8 +14,6 @@ from thirdbody.jit.arguments import Packer
 from thirdbody.jit.threads import PIECES
 from thirdbody.kernels.implicit.workspace import FREEDOMS, SCRATCH, IslandTables, make_scratch
 
-BATCH = 512  # bodies per call, or per part of one; one step of so many is enough between two looks at the clock
-
 
 @dataclass(frozen=True)
 class Islands:

@@ -18,7 +18,7 @@ from thirdbody.engine.state import Action, Array, Ints, State
 from thirdbody.errors import GuardStop
 from thirdbody.jit.threads import allowed_threads
 from thirdbody.kernels.implicit.accept_step import ROUNDED
-from thirdbody.kernels.implicit.control import Stop
+from thirdbody.kernels.implicit.control import BodyStop
 from thirdbody.kernels.step_tables import sphere_path, step_memory
 from thirdbody.kernels.tables import EVERYTHING, domain, run_totals, sphere
 
@@ -87,7 +87,7 @@ class Meeting:
 
     @property
     def _going(self) -> np.ndarray:
-        return self.integrator.memory[:, step_memory.CODE] == Stop.NONE
+        return self.integrator.memory[:, step_memory.CODE] == BodyStop.NONE
 
     def search(self) -> None:
         one, state, going = self.integrator, self.integrator.state, self._going

@@ -3,6 +3,10 @@
 What kernels a scene needs is known once its bodies are made and its integrator is chosen. Until then child processes compile
 what it probably needs, while the main process compiles its laws. Then this one joins in: each process takes the next unit from a
 common queue, and all write to the same cache, from which the compiled code is loaded.
+
+What a scene needs is expected by `runner.simulate.likely_units` and then known to `assembly.integrator.units_of`; both must agree
+with what `engine.implicit.part_addresses` and `engine.explicit` pass on. `minima.update`, which only explicit steps between rough
+plates need, is compiled at its first call.
 """
 
 import atexit
@@ -43,6 +47,10 @@ COLD_UNITS, COLD = tuple(name for name in UNITS if name != "passes"), 1
 
 SECONDS, FEWER = {"common_plate": 24, "driver": 20, "passes": 18, "step": 10}, 6
 """Processor time [s] of one core of 2.5 GHz, roughly, for the long units, with their laws, and at most for each other one."""
+
+BATCH = 512
+"""Bodies of implicit steps per call, or per part of one: one step of so many is enough between two looks at the clock. More, on
+flat plates, are an ensemble (`engine.implicit_ensemble`)."""
 
 MARK = "compiled-"  # beginning of the names of files in the cache folder that mark a unit whose compiled code is complete
 TIMEOUT = 300.0  # time [s] to wait for the child processes; the main process compiles what they have not finished

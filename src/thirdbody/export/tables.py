@@ -11,7 +11,7 @@ from typing import Any
 from thirdbody.atomic_files import new_folder, refuse_existing_folder
 from thirdbody.errors import InputError, UsageError, printable
 from thirdbody.export.vtk import PVD_PATTERNS, export_pvd
-from thirdbody.trajectory.columns import BY_FRAME, TABLES, Column, table, tables_by_frame, tables_of
+from thirdbody.trajectory.columns import TABLES, Column, table_parts, tables_of
 from thirdbody.trajectory.run_file import RunFile
 
 CSV_FILES = tuple(f"{name}.csv" for name in TABLES)
@@ -30,10 +30,9 @@ def export_csv(run: RunFile, folder: Path, frame: int | None = None, overwrite: 
     written = []
     with new_folder(folder, overwrite, CSV_FILES) as part:
         for name in tables_of(run):
-            parts = tables_by_frame(run, name, frame) if name in BY_FRAME else [table(run, name)]
             with open(part / f"{name}.csv", "w", encoding="utf-8", newline="") as text:
                 writer = csv.writer(text, lineterminator="\n")
-                for number, columns in enumerate(parts):
+                for number, columns in enumerate(table_parts(run, name, frame)):
                     if not number:
                         writer.writerow([heading(column) for column in columns])
                     writer.writerows(zip(*map(_cells, columns), strict=True))

@@ -1,6 +1,9 @@
 """Compiler options, chosen once: IEEE arithmetic everywhere, no fastmath that would hide a NaN. And `entry`, which declares.
 
 numba reads the folder of its cache when it decorates a function, so ours is set here first.
+
+A kernel must never index with a variable that can be negative (`numba_lowering`): it is not counted from the end, but reads what
+is before the array. Branch first, as `plates.is_sphere(partner)` does.
 """
 
 import functools

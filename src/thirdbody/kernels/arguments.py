@@ -100,7 +100,7 @@ KINDS: Kinds = {
     "cuts": _S2, "lowest": _S1, "needs": _S1, "force_rows": _S1,
     # spheres and their bodies
     "body": _I1, "start": _I1, "offsets": _TABLE, "X0": _TABLE, "patch": _I1,
-    # state (`columns`), parameters, sums of a step
+    # state (`tables`), parameters, sums of a step
     **dict.fromkeys(("S", "forces", "P", "Q", "F"), _TABLE),
     "pairs": _ROW, "interaction": _ROW,
     "effect_parameters": _ROW, "D": _ROW, "A": _ROW, "ledgers": _TABLE, "sums": _TABLE, "moves": _TABLE,
@@ -111,9 +111,10 @@ KINDS: Kinds = {
     "scratch": _TABLE, "marks": _S2, "rows": types.Array(types.float64, 3, "C"), "moved": _S1,
     # the threads of this run (`jit.threads`), and the pass that they work on: its number, then the fields of `Step`
     "team": _I1, "announced": _ROW,
+    # columns of the laws' history, from `contact_state.LAW` on: the field (`memory`), and what books need, -1 where no law has it
+    **dict.fromkeys(("field_begin", "field_size", "force", "moment", "twist", "stored", "dashpots", "loss_column"), _I),
     # numbers, and addresses of functions
-    **dict.fromkeys(("field_begin", "field_size", "rolling", "force", "moment", "twist"), _I),
-    **dict.fromkeys(("stored", "dashpots", "loss_column", "jumps"), _I),
+    "rolling": _I, "jumps": _I,
     **dict.fromkeys(("has_effects", "stride", "labels", "law", "effects", "observe", "observe_bodies", "run_groups"), _I),
     "update_surfaces": _I,
     # measures: columns of a contact (0: none), address, parameters

@@ -1,4 +1,4 @@
-"""Dissipation by friction and dashpots of contacts in a step of velocity Verlet.
+"""Dissipation by friction and dashpots of contacts in a step of velocity Verlet; parts of it serve implicit steps, too.
 
 A law books the work of the force at the end of the step. Bodies that move by velocity Verlet exchange the work of the mean of the
 forces at both ends: where a force jumps within a step, an error of first order. So here friction dissipates the work of the mean
@@ -110,8 +110,8 @@ def book(n, context, tile):
             work = work_of_sum(q, law_input.HISTORY + twist, law_output.HISTORY + twist, rotation, tile)
             dissipated = dissipated - broadcast(0.5) * work
         dissipated = clamp_below(dissipated - get(O, q + law_output.STORED_TANGENTIAL * TILE), 0.0)
-        before = get(O, q + law_output.DISSIPATED * TILE)
-        put(O, q + law_output.DISSIPATED * TILE, before + (dissipated - get(O, q + law_output.FRICTION_LOSS * TILE)))
+        booked = get(O, q + law_output.DISSIPATED * TILE)
+        put(O, q + law_output.DISSIPATED * TILE, booked + (dissipated - get(O, q + law_output.FRICTION_LOSS * TILE)))
 
 
 @njit(**BARE)

@@ -51,7 +51,6 @@ spot = Table(
     y=number("m", "the same along y"),
     radius=number("m", "effective radius"),
     overlap=number("m", "overlap with the undeformed plate"),
-    square=number("m2", "square of the contact radius that it would have alone"),
     factor=number("N/m3", "force over the cube of the contact radius"),
     sphere_radius=number("m", "radius of its sphere"),
 )
@@ -79,12 +78,9 @@ lane = Table(
 @njit(**BARE)
 def gather_spot(e, k, at, context, W):
     i, S = context.own[k], context.S
-    radius, overlap = plates.effective_radius(k, context), plates.overlap(k, context)
-    W[at + spot.NUMBER] = e
-    arm = arm_to_sphere(i, S)
-    W[at + spot.X], W[at + spot.Y] = extract(arm, 0), extract(arm, 1)
-    W[at + spot.RADIUS], W[at + spot.OVERLAP] = radius, overlap
-    W[at + spot.SQUARE] = radius * overlap
+    radius, arm = plates.effective_radius(k, context), arm_to_sphere(i, S)
+    W[at + spot.NUMBER], W[at + spot.X], W[at + spot.Y] = e, extract(arm, 0), extract(arm, 1)
+    W[at + spot.RADIUS], W[at + spot.OVERLAP] = radius, plates.overlap(k, context)
     W[at + spot.FACTOR] = context.interaction[2 + kind_of(k, context)] / radius
     W[at + spot.SPHERE_RADIUS] = S[i, sphere.RADIUS]
 
@@ -108,8 +104,14 @@ def finish(a, force, relief, pull, W, spots):
 
 
 @njit(**BARE)
+def lone_square(a, W):
+    """Return the square of the contact radius [m2] that a spot would have alone."""
+    return W[a + spot.RADIUS] * W[a + spot.OVERLAP]
+
+
+@njit(**BARE)
 def lone_force(a, W):
-    square = max(W[a + spot.SQUARE], 0.0)
+    square = max(lone_square(a, W), 0.0)
     return W[a + spot.FACTOR] * math.sqrt(square) * square
 
 
@@ -131,7 +133,7 @@ def sweep(first, n, c, W, G, spots):
                 g = G[p * n + q] if stored else compliance(a, b, c, W)[0] if p != q else 0.0
                 total += g * spots.force[int(W[b + spot.NUMBER])]
             change = max(change, abs(total - spots.relief[int(W[a + spot.NUMBER])]) / W[a + spot.OVERLAP])
-            square = max(W[a + spot.SQUARE] - W[a + spot.RADIUS] * total, 0.0)
+            square = max(lone_square(a, W) - W[a + spot.RADIUS] * total, 0.0)
             finish(a, W[a + spot.FACTOR] * math.sqrt(square) * square, total, (0.0, 0.0), W, spots)
         if change < ACCURACY:
             break
@@ -253,7 +255,7 @@ def solve_side(count, first, n, c, L, W, G, spots):
             L[at + lane.RADIUS * LANES] = W[a + spot.RADIUS] if on else 1.0
             L[at + lane.SPHERE_RADIUS * LANES] = W[a + spot.SPHERE_RADIUS] if on else 0.0
             L[at + lane.FACTOR * LANES] = W[a + spot.FACTOR] if on else 0.0
-            L[at + lane.SQUARE * LANES] = W[a + spot.SQUARE] if on else 1.0
+            L[at + lane.SQUARE * LANES] = lone_square(a, W) if on else 1.0
         count += 1
     return count
 
@@ -320,14 +322,13 @@ def relieve(n, tile):
     I, G = tile.inputs, tile.geometry  # noqa: E741
     for q in range(n):
         overlap = I[q + law_input.OVERLAP * TILE]
-        G[q + geometry.OVERLAP * TILE] = overlap
         I[q + law_input.OVERLAP * TILE] = max(overlap - G[q + geometry.RELIEF * TILE], FLOOR * overlap)
 
 
 @njit(**BARE)
-def restore(n, tile):
+def restore(n, slots, context, tile):
     for q in range(n):
-        tile.inputs[q + law_input.OVERLAP * TILE] = tile.geometry[q + geometry.OVERLAP * TILE]
+        tile.inputs[q + law_input.OVERLAP * TILE] = plates.overlap(slots[q], context)
 
 
 @njit(**BARE)

@@ -15,7 +15,7 @@ from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import LANES, broadcast, get, load, put, set4, transpose, with_last
 from thirdbody.kernels import plates
 from thirdbody.kernels.memory import load_field
-from thirdbody.kernels.plates import BASINS, is_upper, kind_of
+from thirdbody.kernels.plates import BASINS, is_sphere, is_upper, kind_of
 from thirdbody.kernels.tables import contact_state, sphere, surface_contact
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output
 from thirdbody.kernels.vectors import image, images
@@ -173,6 +173,14 @@ def gather_pair_contacts(n, slots, dt, box, context, tile):
     pair_geometry(n, dt, box, tile)
 
 
+@njit(**BARE)
+def overlap_of_spheres(x, y, z, radii):
+    """Return the overlap [m] of spheres of this sum of radii, negative: a gap; and the unit normal. x, y, z: between centres."""
+    distance = math.sqrt(x * x + y * y + z * z)
+    inverse = 1.0 / max(distance, 1e-300)
+    return radii - distance, (x * inverse, y * inverse, z * inverse)
+
+
 @njit(**BARE_CHUNK)
 def pair_geometry(n, dt, box, tile):
     """Compute what depends on positions and masses of n pairs. Slip is a displacement of the step, so its arms are those of the
@@ -184,13 +192,12 @@ def pair_geometry(n, dt, box, tile):
         x, y = image(x, l_x, c_x), image(y, l_y, c_y)
         r_i, r_j = G[q + geometry.RADIUS * TILE], G[q + geometry.PARTNER_RADIUS * TILE]
         m_i, m_j = I[q + law_input.MASS * TILE], G[q + geometry.PARTNER_MASS * TILE]
-        distance = math.sqrt(x * x + y * y + z * z)
-        inverse, radii = 1.0 / max(distance, 1e-300), r_i + r_j
-        overlap = radii - distance
+        radii = r_i + r_j
+        overlap, normal = overlap_of_spheres(x, y, z, radii)
         v_x, v_y, v_z = read_vector(G, q + geometry.MID_VELOCITY * TILE)
         p_x, p_y, p_z = x - half * v_x, y - half * v_y, z - half * v_z
         back = 1.0 / max(math.sqrt(p_x * p_x + p_y * p_y + p_z * p_z), 1e-300)
-        write_vector(G, q + geometry.NORMAL * TILE, (x * inverse, y * inverse, z * inverse))
+        write_vector(G, q + geometry.NORMAL * TILE, normal)
         write_vector(G, q + geometry.MID_NORMAL * TILE, (p_x * back, p_y * back, p_z * back))
         G[q + geometry.ARM * TILE], G[q + geometry.PARTNER_ARM * TILE] = r_i - 0.5 * overlap, r_j - 0.5 * overlap
         I[q + law_input.OVERLAP * TILE] = overlap
@@ -255,14 +262,13 @@ def slip_increment(n, dt, tile):
 
 @njit(**BARE_CHUNK)
 def force_and_torques(n, tile):
-    I, O, G = tile.inputs, tile.outputs, tile.geometry  # noqa: E741
+    O, G = tile.outputs, tile.geometry  # noqa: E741
     for q in range(n):
         f_n, t_1, t_2 = read_vector(O, q + law_output.NORMAL_FORCE * TILE)  # and the tangential force
         n_x, n_y, n_z = read_vector(G, q + geometry.NORMAL * TILE)
         e_x, e_y, e_z = read_vector(G, q + geometry.AXIS * TILE)
         d_x, d_y, d_z = read_vector(G, q + geometry.CROSS_AXIS * TILE)
-        half = 0.5 * I[q + law_input.OVERLAP * TILE]
-        a_i, a_j = half - G[q + geometry.RADIUS * TILE], half - G[q + geometry.PARTNER_RADIUS * TILE]
+        a_i, a_j = -G[q + geometry.ARM * TILE], -G[q + geometry.PARTNER_ARM * TILE]
         x, y, z = t_1 * d_x - t_2 * e_x, t_1 * d_y - t_2 * e_y, t_1 * d_z - t_2 * e_z  # normal times tangential force
         force = f_n * n_x + t_1 * e_x + t_2 * d_x, f_n * n_y + t_1 * e_y + t_2 * d_y, f_n * n_z + t_1 * e_z + t_2 * d_z
         write_vector(G, q + geometry.FORCE * TILE, force)
@@ -270,15 +276,20 @@ def force_and_torques(n, tile):
         write_vector(G, q + geometry.PARTNER_TORQUE * TILE, (a_j * x, a_j * y, a_j * z))
 
 
+@njit(**BARE)
+def gradient_force(k, energy, context):
+    """Return -(U/2) grad ln R_eff [N], on the centre of a sphere on a rough plate: Hertz' energy U = (8/15) E* R_eff^(1/2)
+    overlap^(5/2) changes along the plate as R_eff does, and not with rotation."""
+    x, y, z = plates.three(context.Q, k, surface_contact.GRADIENT)
+    return -0.5 * energy * x, -0.5 * energy * y, -0.5 * energy * z
+
+
 @njit(**BARE_CHUNK)
 def add_gradient_force(n, slots, context, tile):
-    """Add -(U/2) grad ln R_eff, on the centre of the sphere: Hertz' energy U = (8/15) E* R_eff^(1/2) overlap^(5/2) changes along
-    a rough plate as R_eff does, and not with rotation."""
-    G, Q = tile.geometry, context.Q
     for q in range(n):
-        size, k = -0.5 * tile.outputs[q + law_output.STORED_NORMAL * TILE], slots[q]
+        force = gradient_force(slots[q], tile.outputs[q + law_output.STORED_NORMAL * TILE], context)
         for d in range(3):
-            G[q + (geometry.FORCE + d) * TILE] += size * Q[k, surface_contact.GRADIENT + d]
+            tile.geometry[q + (geometry.FORCE + d) * TILE] += force[d]
 
 
 # -- overlaps of candidates, and the lists of active contacts and of those that opened; no branch on whether one touches --
@@ -286,19 +297,33 @@ def add_gradient_force(n, slots, context, tile):
 
 @njit(**BARE)
 def pair_overlap(k, context, box):
-    """Return the overlap of candidate k, a pair of spheres [m], negative: a gap; and the unit normal from partner to owner."""
+    """Return the overlap of candidate k, a pair of spheres [m], and the unit normal from partner to owner."""
     S, i, j = context.S, context.own[k], context.partner[k]
     x = image(S[i, sphere.X] - S[j, sphere.X], box.length_x, box.inverse_x)
     y = image(S[i, sphere.Y] - S[j, sphere.Y], box.length_y, box.inverse_y)
-    z = S[i, sphere.Z] - S[j, sphere.Z]
-    distance = math.sqrt(x * x + y * y + z * z)
-    inverse = 1.0 / max(distance, 1e-300)
-    return S[i, sphere.RADIUS] + S[j, sphere.RADIUS] - distance, (x * inverse, y * inverse, z * inverse)
+    return overlap_of_spheres(x, y, S[i, sphere.Z] - S[j, sphere.Z], S[i, sphere.RADIUS] + S[j, sphere.RADIUS])
+
+
+@njit(**BARE)
+def overlap_and_normal(k, context, box):
+    """Return overlap [m] and unit normal of a candidate of either kind, with a plate or between spheres."""
+    if is_sphere(context.partner[k]):
+        return pair_overlap(k, context, box)
+    return plates.overlap(k, context), plates.normal(k, context)
+
+
+@njit(**BARE)
+def square_within_reach(i, j, S, box):
+    """Return limit^2 - distance^2 of two spheres [m2]: > 0 if they are within reach."""
+    d_x, d_y, d_z = S[i, sphere.X] - S[j, sphere.X], S[i, sphere.Y] - S[j, sphere.Y], S[i, sphere.Z] - S[j, sphere.Z]
+    d_x, d_y = image(d_x, box.length_x, box.inverse_x), image(d_y, box.length_y, box.inverse_y)
+    limit = S[i, sphere.RADIUS] + S[j, sphere.RADIUS] + box.reach
+    return limit * limit - (d_x * d_x + d_y * d_y + d_z * d_z)
 
 
 @njit(**BARE_CHUNK)
-def pair_overlaps(first, last, context, box, g):
-    """Compute limit^2 - distance^2 of candidates first to last [m2] into g: > 0 if they are within reach."""
+def squares_within_reach(first, last, context, box, g):
+    """Write `square_within_reach` of candidates first to last into g, by fours without their overlaps: no root is needed."""
     own, partner, S = context.own, context.partner, context.S
     fours = first + (last - first) // LANES * LANES
     for k in range(first, fours, LANES):
@@ -310,11 +335,7 @@ def pair_overlaps(first, last, context, box, g):
         z, reach = z_i - z_j, r_i + r_j + broadcast(box.reach)
         put(g, k - first, reach * reach - (x * x + y * y + z * z))
     for k in range(fours, last):
-        i, j = np.uint64(own[k]), np.uint64(partner[k])  # unsigned: no check for negative indices
-        d_x, d_y, d_z = S[i, sphere.X] - S[j, sphere.X], S[i, sphere.Y] - S[j, sphere.Y], S[i, sphere.Z] - S[j, sphere.Z]
-        d_x, d_y = image(d_x, box.length_x, box.inverse_x), image(d_y, box.length_y, box.inverse_y)
-        limit = S[i, sphere.RADIUS] + S[j, sphere.RADIUS] + box.reach
-        g[k - first] = limit * limit - (d_x * d_x + d_y * d_y + d_z * d_z)
+        g[k - first] = square_within_reach(own[k], partner[k], S, box)
 
 
 @njit(**BARE_CHUNK)
@@ -349,7 +370,7 @@ def compact_rough(first, last, context, reach, touching, opened):
         rows = (minima | ended | ended >> BASINS) & ((1 << BASINS) - 1)
         while rows != 0:
             if rows & 1 != 0:
-                on = np.int64(minima & 1 != 0 and plates.surface_overlap(e, context) + reach > 0.0)
+                on = np.int64(minima & 1 != 0 and plates.overlap(e, context) + reach > 0.0)
                 was = np.int64(closed[e])
                 touching[m], opened[o] = e, e
                 closed[e] = on

@@ -74,6 +74,7 @@ def within_period(x, length):
 
 @njit(**BARE)
 def has_heights(field):
+    """Return whether a plate has a height field (`plates.is_rough`: one of both has) with more than one height."""
     return field.shape[0] > 0 and field[head.MAX_HEIGHT] > field[head.MIN_HEIGHT]
 
 

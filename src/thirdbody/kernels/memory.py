@@ -31,7 +31,7 @@ def spring_energy(k, context):
 
 @njit(**BARE)
 def reset_history(k, context):
-    """Clear the history of a contact that opened, but for measures; return the energy of its springs, which is dissipated [J]."""
+    """Clear the history of a contact that opened, but for measures; return the energy of its tangential springs [J]: lost."""
     lost, H = spring_energy(k, context), context.H
     for h in range(H.shape[1] - context.measured):
         H[k, h] = 0.0

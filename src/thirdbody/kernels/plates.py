@@ -1,4 +1,4 @@
-"""First bodies, between which the debris is: all that kernels know of them.
+"""First bodies, between which the debris is: codes of partners, surfaces, velocities, direct contact.
 
 The plane of the lower one is z = 0 and at rest, that of a patch of the upper one is at its height and looks down. Where both
 plates are flat, answers come from these planes, otherwise from the table of closest points, which must be up to date.
@@ -100,19 +100,11 @@ def height_above(partner, i, S, P):
 
 
 @njit(**BARE)
-def plane_overlap(k, context):
-    i, S = context.own[k], context.S
-    return S[i, sphere.RADIUS] - height_above(context.partner[k], i, S, context.P)
-
-
-@njit(**BARE)
-def surface_overlap(k, context):
-    return context.S[context.own[k], sphere.RADIUS] - context.Q[k, surface_contact.DISTANCE]
-
-
-@njit(**BARE)
 def overlap(k, context):
-    return surface_overlap(k, context) if is_rough(context) else plane_overlap(k, context)
+    i, S = context.own[k], context.S
+    if is_rough(context):
+        return S[i, sphere.RADIUS] - context.Q[k, surface_contact.DISTANCE]
+    return S[i, sphere.RADIUS] - height_above(context.partner[k], i, S, context.P)
 
 
 @njit(**BARE)

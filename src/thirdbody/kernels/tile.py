@@ -116,7 +116,6 @@ geometry = Table(
     partner_radius=number("m", "radius of the partner's sphere"),
     partner_mass=number("kg", "mass of the partner's body"),
     relief=number("m", "what the other spots of the body lower the plate; only with an interaction of spots"),
-    overlap=number("m", "overlap with the undeformed plate, while the laws see the relieved one; likewise"),
     spot_force=number("N", "elastic normal force of the spot; likewise"),
     pull=vector(2, "N", "force along the plate towards the other spots; likewise"),
     width=mark(),

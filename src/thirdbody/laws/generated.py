@@ -25,7 +25,7 @@ from numba.core.dispatcher import Dispatcher
 from thirdbody.errors import ThirdbodyError
 from thirdbody.jit import cache
 from thirdbody.jit.options import HELPER
-from thirdbody.system.processes import import_lock, import_text
+from thirdbody.system.processes import import_file, import_lock
 
 ENGINE = "thirdbody"
 LIBRARIES = frozenset({ENGINE, "llvmlite", "numba", "numpy", "scipy"}) | sys.stdlib_module_names
@@ -254,7 +254,7 @@ def load_module(kind: str, text: str, functions: Sequence[Callable]) -> tuple[Mo
                     os.replace(draft, path)  # atomic: several processes may write the same name
             except OSError as error:
                 raise cache.cannot_write(path, error) from error
-            import_text(name, path, text)
+            import_file(name, path, text)
         return sys.modules[name], path
 
 

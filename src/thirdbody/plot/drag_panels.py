@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from thirdbody.palette import LINE_COLORS as LINES
-from thirdbody.plot.run_data import PERCENT, Panel, RunData, label_axis, no_labels
+from thirdbody.plot.run_data import PERCENT, Panel, RunData, draw_lines, label_axis, no_labels
 from thirdbody.trajectory.friction import force_on_plate, running_mean
-from thirdbody.units import percent, quantity_text, scale_values, unit_for
+from thirdbody.units import percent, quantity_text, unit_for
 
 # -- friction --
 
@@ -26,17 +26,12 @@ def _no_friction(data: RunData, loop: bool = False) -> str:
     return "" if np.isfinite(data.name("friction_coefficient")[1:]).any() else "never loaded"
 
 
-def _friction_title(data: RunData) -> str:
-    result = data.run.friction
-    if not np.isfinite(result.value):
-        return "Friction coefficient"
-    drifts = f", {result.verdict}" if result.stationary is False else ""
-    return f"Friction coefficient: {result.short_text}{drifts}"
-
-
-def _draw_friction(axes: Axes, data: RunData) -> None:
-    x = data.x
-    mu = data.interval_means("friction_coefficient")
+@partial(Panel, "friction", 2.1, _no_friction,
+    note="Friction coefficient: force of the debris on the upper plate against its motion, over the normal force; means over"
+         " the output intervals. Its error counts that neighbouring intervals are correlated (autocorrelation"
+         " time).")  # fmt: skip
+def _draw_friction(axes: Axes, data: RunData) -> str:
+    x, mu, result = data.x, data.interval_means("friction_coefficient"), data.run.friction
     marker = "." if len(x) < 80 else ""
     axes.plot(x, mu, color=LINES["sky"], linewidth=0.8, markersize=4.0, label="each interval", marker=marker)
     width = max(int(round(WINDOW_FRACTION * len(x))), 3)
@@ -44,22 +39,23 @@ def _draw_friction(axes: Axes, data: RunData) -> None:
         mean = np.where(np.isfinite(mu), running_mean(mu, width), np.nan)
         window = quantity_text(width * (data.axis[0][-1] - data.axis[0][0]) / (len(x) - 1), data.axis[1], 2)
         axes.plot(x, mean, color=LINES["blue"], linewidth=1.8, label=f"running mean\n(over {window})")
-    _draw_mean(axes, data, x)
+    _draw_mean(axes, data)
     _draw_pairs(axes, data)
     for k, (first, last) in enumerate(stretches(~np.isfinite(mu[1:]))):
         axes.axvspan(x[first], x[last + 1], color="#DDDFE3", linewidth=0.0, zorder=0, label=None if k else "unloaded")
     label_axis(axes, data, MU)
     low, high = axes.get_ylim()
     axes.set_ylim(min(low, 0.0), max(high, 0.0) * (1.05 if data.pair_friction else 1.0))
+    if not np.isfinite(result.value):
+        return "Friction coefficient"
+    return f"Friction coefficient: {result.short_text}" + (f", {result.verdict}" if result.stationary is False else "")
 
 
-def _draw_mean(axes: Axes, data: RunData, x: np.ndarray) -> None:
-    result = data.run.friction
-    members = np.flatnonzero(data.drag.averaged[data.start :])
+def _draw_mean(axes: Axes, data: RunData) -> None:
+    members, x, result = np.flatnonzero(data.drag.averaged[data.start :]), data.x, data.run.friction
     if not len(members):
         return
-    ends = x[max(members[0] - 1, 0)], x[members[-1]]
-    mean = result.value
+    ends, mean = (x[max(members[0] - 1, 0)], x[members[-1]]), result.value
     style: dict[str, Any] = {"color": LINES["vermilion"], "linewidth": 1.2}
     if result.stationary is False:
         heights = [mean - 0.5 * result.change, mean + 0.5 * result.change]
@@ -93,20 +89,15 @@ def loop_area(data: RunData) -> float:
     """
     if not data.drag.cycles:
         return float("nan")
-    cycle = data.drag.cycles[-1]
-    inside = slice(cycle.start + 1, cycle.stop)
+    inside = slice(data.drag.cycles[-1].start + 1, data.drag.cycles[-1].stop)
     return float(np.nansum(data.name("friction_coefficient", False)[inside] * data.drag.steps[inside]))
 
 
-def _loop_title(data: RunData) -> str:
-    area, work = loop_area(data), data.run.friction.energy_per_cycle
-    if not np.isfinite(area):
-        return "Friction loop (no whole cycle yet)"
-    energy = f", {quantity_text(work, 'J')} a cycle" if np.isfinite(work) else ""
-    return f"Friction loop: area {quantity_text(area, 'm')}{energy}"
-
-
-def _draw_loop(axes: Axes, data: RunData) -> None:
+@partial(Panel, "loop", 2.3, partial(_no_friction, loop=True),
+    note="Friction loop: the friction coefficient, signed by the first direction of motion, over the displacement of the"
+         " upper plate; the area times the load is the work of one cycle. On a path along both axes each has a loop, and"
+         " their areas add up.")  # fmt: skip
+def _draw_loop(axes: Axes, data: RunData) -> str:
     """Draw the coefficient of every interval at the middle of its displacement, the last whole cycle emphasised.
 
     On a path along both axes there is a loop for each of them.
@@ -133,20 +124,18 @@ def _draw_loop(axes: Axes, data: RunData) -> None:
             axes.plot(x, y, color=color, linewidth=1.8, label=f"{name}last whole cycle")
     _draw_pairs(axes, data, (1.0, -1.0))
     axes.axhline(0.0, color="#222222", linewidth=0.6)
-    axes.set_xlabel(f"displacement of the upper plate ({unit})")
-    axes.set_ylabel(MU)
+    axes.set(xlabel=f"displacement of the upper plate ({unit})", ylabel=MU)
+    area, work = loop_area(data), data.run.friction.energy_per_cycle
+    if not np.isfinite(area):
+        return "Friction loop (no whole cycle yet)"
+    energy = f", {quantity_text(work, 'J')} a cycle" if np.isfinite(work) else ""
+    return f"Friction loop: area {quantity_text(area, 'm')}{energy}"
 
 
-# -- states --
-
-
-def _states_title(data: RunData) -> str:
-    bodies = data.summary.get("bodies", 0)
-    name = "State of the body" if bodies == 1 else f"States of the {bodies} bodies"
-    return f"{name}: at the end {data.final_fractions}"
-
-
-def _draw_states(axes: Axes, data: RunData) -> None:
+@partial(Panel, "states", 1.7, no_labels,
+    note="States: free, carries no load; sticking, moves no further than elastic contacts give way; sliding, all its contacts "
+         "with one plate slip; rolling, turns as the plate moves on.")  # fmt: skip
+def _draw_states(axes: Axes, data: RunData) -> str:
     x = data.x
     portions = {name: values[data.start :] for name, values in data.fractions.items()}
     if len(x) == 1:  # one frame: a bar
@@ -156,11 +145,13 @@ def _draw_states(axes: Axes, data: RunData) -> None:
     axes.stackplot(x, [portions[name] for name in present], colors=colors, labels=present, step="mid", linewidth=0.0)
     axes.set_ylim(0.0, 1.0)
     axes.set_yticks(**PERCENT)
-    if len(data.axis[0]) > 1:
-        label_axis(axes, data, "bodies (%)")
-    else:
-        axes.set_ylabel("bodies (%)")
+    label_axis(axes, data, "bodies (%)")
+    if len(data.axis[0]) == 1:
+        axes.set_xlabel("")
         axes.set_xticks([0.5], ["the only frame" if data.frames == 1 else "the last frame"])
+    bodies = data.summary.get("bodies", 0)
+    name = "State of the body" if bodies == 1 else f"States of the {bodies} bodies"
+    return f"{name}: at the end {data.final_fractions}"
 
 
 # -- gap and load --
@@ -173,11 +164,26 @@ def _needs(condition: Callable[[RunData], Any], otherwise: str) -> Callable[[Run
     return lambda data: "fewer than two frames" if not data.extended else "" if condition(data) else otherwise
 
 
-def _gap_title(data: RunData) -> str:
+@partial(Panel, "gap", 1.4, _needs(lambda data: np.isfinite(data.name("gap")).any(), "no upper plate"))
+def _draw_gap(axes: Axes, data: RunData) -> str:
     gap = data.name("gap")
-    now, change = quantity_text(gap[-1], "m"), gap[-1] - gap[0]
-    by = f" at the end, {'opened' if change > 0.0 else 'closed'} by {quantity_text(abs(change), 'm', 2)}"
-    return f"Gap between the plates: {now}{by if _changes(gap) else ', unchanged'}"
+    change, now = gap - gap[0], quantity_text(gap[-1], "m")
+    largest = float(np.nanmax(np.abs(change)))
+    if not largest > NOTHING * abs(gap[0]):
+        _draw_from_zero(axes, data, gap, "gap", "m")
+        return f"Gap between the plates: {now}, unchanged"
+    shown, name = (change, "change of gap") if largest < SMALL * abs(gap[0]) else (gap, "gap")
+    draw_lines(axes, data, [(None, shown, "black", "-")], name, "m")
+    axes.ticklabel_format(axis="y", useOffset=False)
+    verb = "opened" if change[-1] > 0.0 else "closed"
+    return f"Gap between the plates: {now} at the end, {verb} by {quantity_text(abs(change[-1]), 'm', 2)}"
+
+
+def _draw_from_zero(axes: Axes, data: RunData, values: np.ndarray, name: str, unit: str) -> None:
+    draw_lines(axes, data, [(None, values, "black", "-")], name, unit)
+    axes.ticklabel_format(axis="y", useOffset=False)
+    drawn = axes.lines[0].get_ydata()
+    axes.set_ylim(min(0.0, 1.1 * float(np.nanmin(drawn))), max(0.0, 1.1 * float(np.nanmax(drawn))))
 
 
 def _load(data: RunData) -> np.ndarray:
@@ -187,71 +193,53 @@ def _load(data: RunData) -> np.ndarray:
     return sign * data.interval_means(side)[:, 2]
 
 
-def _load_title(data: RunData) -> str:
-    values = _load(data)
-    return f"Load: {quantity_text(values[-1], 'N')} at the end, at most {quantity_text(float(np.nanmax(values)), 'N')}"
+@partial(Panel, "load", 1.4, _needs(lambda data: np.nan_to_num(_load(data)).any(), "no load on a plate"))
+def _draw_load(axes: Axes, data: RunData) -> str:
+    load = _load(data)
+    _draw_from_zero(axes, data, load, "load", "N")
+    return f"Load: {quantity_text(load[-1], 'N')} at the end, at most {quantity_text(float(np.nanmax(load)), 'N')}"
 
 
-def _debris_load_title(data: RunData) -> str:
-    debris, active = (float(data.name(name)[-1]) for name in ("load_share_debris", "active"))
-    return f"Debris carries {percent(debris)} of the load at the end, on {percent(active)} of the bodies"
-
-
-def _draw_debris_load(axes: Axes, data: RunData) -> None:
-    portion = 100.0 * data.interval_means("load_share_debris")
-    axes.plot(data.x, portion, color=LINES["black"], linewidth=1.4, label="load on debris")
-    axes.plot(data.x, 100.0 * data.name("active"), color=LINES["blue"], linestyle="--", linewidth=1.4, label="active bodies")
+@partial(Panel, "debris_load", 1.7,
+    _needs(lambda data: "load_share_debris" in data.series, "its plates have no contact with each other"),
+    note="Load: debris and direct contact of the plates, asperity on asperity, carry it together. Active: pressed from above "
+         "and from below.")  # fmt: skip
+def _draw_debris_load(axes: Axes, data: RunData) -> str:
+    debris, active = data.interval_means("load_share_debris"), data.name("active")
+    lines = [("load on debris", 100.0 * debris, "black", "-"), ("active bodies", 100.0 * active, "blue", "--")]
+    draw_lines(axes, data, lines, "share (%)")
     axes.set_ylim(0.0, 105.0)
-    label_axis(axes, data, "share (%)")
-
-
-def _draw_line(axes: Axes, data: RunData, values: np.ndarray, unit: str, name: str, whole: bool = False) -> None:
-    """Draw values down to zero (`whole`), or where they change little their change since the start of the drag."""
-    whole = whole or not _changes(values)
-    if not whole and np.nanmax(np.abs(values - values[0])) < SMALL * abs(values[0]):
-        values, name = values - values[0], f"change of {name}"
-    values, unit = scale_values(values, unit)
-    axes.plot(data.x, values, color=LINES["black"], linewidth=1.4)
-    axes.ticklabel_format(axis="y", useOffset=False)
-    label_axis(axes, data, f"{name} ({unit})")
-    if whole:
-        low, high = float(np.nanmin(values)), float(np.nanmax(values))
-        axes.set_ylim(min(0.0, 1.1 * low), max(0.0, 1.1 * high))
+    carried = percent(float(data.name("load_share_debris")[-1]))
+    return f"Debris carries {carried} of the load at the end, on {percent(float(active[-1]))} of the bodies"
 
 
 def series_panel(name: str, unit: str) -> Panel:
     """Return the panel of one series of a run; a vector has three lines."""
 
-    def draw(axes: Axes, data: RunData) -> None:
-        factor, label = (1.0, "") if unit == "1" else unit_for(data.name(name), unit)
-        for values, axis, color in zip(np.atleast_2d(data.name(name).T), "xyz", ("vermilion", "green", "blue"), strict=False):
-            axes.plot(data.x, values / factor, color=LINES[color], linewidth=1.4, label=axis)
-        if data.series[name].ndim == 1:
-            axes.lines[0].set(color=LINES["black"], label="_")
-        label_axis(axes, data, f"({label})" if label else "")
+    def draw(axes: Axes, data: RunData) -> str:
+        values = data.name(name)
+        vector = zip("xyz", values.T, ("vermilion", "green", "blue"), "---", strict=False) if values.ndim > 1 else None
+        draw_lines(axes, data, vector or [(None, values, "black", "-")], "", "" if unit == "1" else unit)
+        return name.replace("_", " ").capitalize()
 
-    return Panel(name, lambda data: "", lambda data: name.replace("_", " ").capitalize(), draw, 1.4)
-
-
-def _changes(values: np.ndarray) -> bool:
-    return bool(np.nanmax(np.abs(values - values[0])) > NOTHING * abs(values[0]))
+    return Panel(name, 1.4, lambda data: "", draw)
 
 
 # -- energy --
 
 # Lines of the ledger: terms, label, colour, style.
 LEDGER: tuple[tuple[str, str, str, str], ...] = (
-    ("plate_work", "work of the plates", LINES["black"], "-"),
-    ("friction", "lost in friction", LINES["vermilion"], "-"),
-    ("direct_friction", "lost in friction of the plates on each other", LINES["vermilion"], "--"),
-    ("plastic", "lost in plastic flow", LINES["vermilion"], "-."),
-    ("adhesion", "lost in adhesion", LINES["vermilion"], "-."),
-    ("damping", "lost in impacts and dashpots", LINES["orange"], "--"),
-    ("elastic_normal elastic_tangential foundation direct_elastic", "elastic, stored", LINES["blue"], "-"),
-    ("kinetic", "kinetic, stored", LINES["sky"], "--"),
-    ("body_effects", "given by body effects", LINES["green"], "-."),
-    ("numerical", "lost by the integrator", LINES["purple"], "-."),
-    ("residual", "residual", LINES["grey"], ":"),
+    ("plate_work", "work of the plates", "black", "-"),
+    ("friction", "lost in friction", "vermilion", "-"),
+    ("direct_friction", "lost in friction of the plates on each other", "vermilion", "--"),
+    ("plastic", "lost in plastic flow", "vermilion", "-."),
+    ("adhesion", "lost in adhesion", "vermilion", "-."),
+    ("damping", "lost in impacts and dashpots", "orange", "--"),
+    ("elastic_normal elastic_tangential foundation direct_elastic", "elastic, stored", "blue", "-"),
+    ("kinetic", "kinetic, stored", "sky", "--"),
+    ("body_effects", "given by body effects", "green", "-."),
+    ("numerical", "lost by the integrator", "purple", "-."),
+    ("residual", "residual", "grey", ":"),
 )
 ALWAYS_DRAWN = ("lost in friction", "residual")
 ROUNDING = 1e-15
@@ -269,51 +257,22 @@ def ledger(data: RunData) -> dict[str, np.ndarray]:
     return {label: values for label, values in lines.items() if sizes[label] > minimum or label in ALWAYS_DRAWN}
 
 
-def _energy_title(data: RunData) -> str:
+@partial(Panel, "energy", 2.1, _needs(lambda data: "energy_plate_work" in data.series, "no energy ledger"),
+    note="Energy: work of the plates since the start of the pressing, and where it went; each line is computed on its own,"
+         " the residual is the rest.")  # fmt: skip
+def _draw_energy(axes: Axes, data: RunData) -> str:
+    lines = ledger(data)
+    small = 1000.0 * ROUNDING * unit_for(np.concatenate(list(lines.values())), "J")[0]
+    ends = {label: quantity_text(values[-1] if abs(values[-1]) > small else 0.0, "J") for label, values in lines.items()}
+    styles = ((label, color, style) for _, label, color, style in LEDGER if label in lines)
+    drawn = [(f"{label}: {ends[label]}", lines[label], color, style) for label, color, style in styles]
+    draw_lines(axes, data, drawn, "energy", "J")
     work, lost = (data.name(f"energy_{part}") for part in ("plate_work", "friction"))
     done, rubbed = float(work[-1] - work[0]), float(lost[-1] - lost[0])
     # the loss at a contact that never slips is a rounding error below zero
-    fraction = (
-        f", {percent(max(rubbed / done, 0.0))} of it lost in friction" if done > 0.0 and -1e-3 * done < rubbed <= done else ""
-    )
+    known = done > 0.0 and -1e-3 * done < rubbed <= done
+    fraction = f", {percent(max(rubbed / done, 0.0))} of it lost in friction" if known else ""
     if not data.start:
         return f"Energy: {quantity_text(done, 'J')} of work{fraction}"
     pressing = f"{quantity_text(float(work[0]), 'J', 2)} of work while pressing"
     return f"Energy: {quantity_text(done, 'J')} of work while sliding{fraction}; {pressing}"
-
-
-def _draw_energy(axes: Axes, data: RunData) -> None:
-    lines = ledger(data)
-    factor, unit = unit_for(np.concatenate(list(lines.values())), "J")
-    for _, label, color, style in LEDGER:
-        if label in lines:
-            values = lines[label]
-            end = values[-1] if abs(values[-1]) > ROUNDING * 1000.0 * factor else 0.0
-            words = f"{label}: {quantity_text(end, 'J')}"
-            axes.plot(data.x, values / factor, color=color, linestyle=style, linewidth=1.4, label=words)
-    label_axis(axes, data, f"energy ({unit})")
-
-
-PANELS = (
-    Panel("friction", _no_friction, _friction_title, _draw_friction, 2.1,
-          note="Friction coefficient: force of the debris on the upper plate against its motion, over the normal force; means "
-               "over the output intervals. Its error counts that neighbouring intervals are correlated (autocorrelation time)."),
-    Panel("loop", partial(_no_friction, loop=True), _loop_title, _draw_loop, 2.3,
-          note="Friction loop: the friction coefficient, signed by the first direction of motion, over the displacement of the"
-               " upper plate; the area times the load is the work of one cycle. On a path along both axes each has a loop, and"
-               " their areas add up."),
-    Panel("states", no_labels, _states_title, _draw_states, 1.7,
-          note="States: free, carries no load; sticking, moves no further than elastic contacts give way; sliding, all its "
-               "contacts with one plate slip; rolling, turns as the plate moves on."),
-    Panel("gap", _needs(lambda data: np.isfinite(data.name("gap")).any(), "no upper plate"), _gap_title,
-          lambda axes, data: _draw_line(axes, data, data.name("gap"), "m", "gap"), 1.4),
-    Panel("load", _needs(lambda data: np.nan_to_num(_load(data)).any(), "no load on a plate"), _load_title,
-          lambda axes, data: _draw_line(axes, data, _load(data), "N", "load", whole=True), 1.4),
-    Panel("debris_load", _needs(lambda data: "load_share_debris" in data.series, "its plates have no contact with each other"),
-          _debris_load_title, _draw_debris_load, 1.7,
-          note="Load: debris and direct contact of the plates, asperity on asperity, carry it together. Active: pressed from "
-               "above and from below."),
-    Panel("energy", _needs(lambda data: "energy_plate_work" in data.series, "no energy ledger"), _energy_title, _draw_energy, 2.1,
-          note="Energy: work of the plates since the start of the pressing, and where it went; each line is computed on its "
-               "own, the residual is the rest."),
-)  # fmt: skip

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -36,7 +35,7 @@ NUMBER = (0.09, 0.16)  # room of a number next to its ring: fraction of the widt
 
 
 class Forecasts(NamedTuple):
-    """Bodies of one run or of several, one entry each; `pool` joins runs."""
+    """Bodies of one run or of several, one entry each."""
 
     body: np.ndarray
     """Number of the body in its run (n,), int."""
@@ -72,11 +71,6 @@ class Forecasts(NamedTuple):
     def correct(self) -> np.ndarray:
         """Forecast and observation agree (n,), bool."""
         return self.slides == (self.fact != "rolling")
-
-
-def pool(parts: Sequence[Forecasts]) -> Forecasts:
-    """Join the bodies of several runs."""
-    return Forecasts(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
 def draw_forecasts(forecasts: Forecasts, path: Path, title: str = "") -> None:

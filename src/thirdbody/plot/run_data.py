@@ -1,13 +1,14 @@
 """Data of a run for the panels of its page: series from the start of the drag on, path of the plate, contacts of a frame."""
 
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 
+from thirdbody.palette import LINE_COLORS as LINES
 from thirdbody.palette import state_colors
 from thirdbody.trajectory.run_file import RunFile
 from thirdbody.trajectory.states import fractions_text
@@ -106,19 +107,18 @@ class RunData:
 
 
 class Panel(NamedTuple):
-    """Panel: condition, title, drawing."""
+    """Panel: its name, height with title and axis [inch], why a run has no data for it (empty: it has), and its drawing.
+
+    `draw` returns the title; `half`: it has half the width; `note` stands at the foot of the page. A panel is defined by
+    `@partial(Panel, name, height, missing)` before its drawing.
+    """
 
     name: str
-    missing: Callable[[RunData], str]
-    """Why the run has no data for it, empty if it has."""
-    title: Callable[[RunData], str]
-    draw: Callable[[Axes, RunData], None]
     height: float
-    """Height with title and axis [inch]."""
+    missing: Callable[[RunData], str]
+    draw: Callable[[Axes, RunData], str]
     half: bool = False
-    """Whether it has half the width."""
     note: str = ""
-    """Note for the reader at the foot of the page."""
 
 
 def no_labels(data: RunData) -> str:
@@ -130,3 +130,14 @@ def label_axis(axes: Axes, data: RunData, ordinate: str) -> None:
     """Label a panel over the drag: its abscissa with the unit of its largest value."""
     axes.set_xlabel(f"{data.axis[2]} ({unit_for(data.axis[0], data.axis[1])[1]})")
     axes.set_ylabel(ordinate)
+
+
+def draw_lines(
+    axes: Axes, data: RunData, lines: Iterable[tuple[str | None, np.ndarray, str, str]], name: str, unit: str = ""
+) -> None:
+    """Draw lines over the drag, each with label, values (F,), colour and style; in the prefixed `unit` of the largest value."""
+    lines = list(lines)
+    factor, prefixed = unit_for(np.concatenate([values for _, values, _, _ in lines]), unit) if unit else (1.0, "")
+    for label, values, color, style in lines:
+        axes.plot(data.x, values / factor, color=LINES[color], linestyle=style, linewidth=1.4, label=label)
+    label_axis(axes, data, f"{name} ({prefixed})".strip() if prefixed else name)

@@ -12,11 +12,11 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from thirdbody.errors import InputError, UsageError
-from thirdbody.plot import bed_panels, drag_panels
+from thirdbody.plot import NAMES, bed_panels, drag_panels
 from thirdbody.plot.figures import checked_path, save
 from thirdbody.plot.run_data import Panel, RunData
-from thirdbody.trajectory.run_file import RunFile, open_run
-from thirdbody.units import GLUE, MINUS, quantity_text, unit_for
+from thirdbody.trajectory.run_file import RunFile
+from thirdbody.units import GLUE, MINUS, quantity_text
 
 INK, SOFT = "#222222", "#5A626C"
 WIDTH = 8.27  # width of the page [inch]: A4
@@ -25,12 +25,7 @@ LETTERS_OF_TITLE, LETTERS, LETTERS_OF_NOTE = 62, 116, 145  # largest number of l
 DECIMALS = 8  # decimals of the positions of axes, as fractions of the page: far below a pixel
 EDGE, MARGIN = 0.2, 0.3  # free space above and below, and to the left [inch]
 
-
-NAMES = (
-    "friction", "loop", "states", "groups", "accommodation", "bed", "gap", "load", "debris_load", "energy", "velocity_profile",
-    "solid_profile", "stress_profile", "states_profile", "utilisation", "normal_force",
-)  # fmt: skip
-PANELS = {panel.name: panel for panel in (*drag_panels.PANELS, *bed_panels.PANELS)}
+PANELS = {part.name: part for module in (drag_panels, bed_panels) for part in vars(module).values() if isinstance(part, Panel)}
 
 
 def plot(run_path: str | Path, out: str | Path, panels: Sequence[str] | None = None, frame: int = -1) -> Path:
@@ -41,7 +36,7 @@ def plot(run_path: str | Path, out: str | Path, panels: Sequence[str] | None = N
     written (no partial file remains).
     """
     out = checked_path(out)
-    with open_run(run_path) as run:
+    with RunFile(run_path) as run:
         save(page(run, panels, frame), out)
     return out
 
@@ -190,20 +185,19 @@ def _write(figure: Figure, y: float, lines: list[str], size: float, step: float,
 def _draw(axes: Axes, data: RunData, panel: Panel) -> None:
     axes.set_label(panel.name)
     axes.tick_params(labelsize=8.0)
-    panel.draw(axes, data)
+    title = panel.draw(axes, data)
     axes.xaxis.label.set_fontsize(8.5)
     axes.yaxis.label.set_fontsize(8.5)
     axes.spines[["top", "right"]].set_visible(False)
     if not panel.half:
         axes.margins(x=0.02 if panel.name == "loop" else 0.0)
         if panel.name not in ("loop", "states", "groups"):
-            x = data.axis[0]
-            axes.set_xlim(0.0, x[-1] / unit_for(x, "")[0])
+            axes.set_xlim(0.0, data.x[-1])
     if panel.name not in ("states", "groups"):
         axes.grid(axis="y", alpha=0.25, linewidth=0.6)
         axes.set_axisbelow(True)
     pad = 5.0 + _draw_legend(axes, panel)
-    axes.set_title(panel.title(data), loc="left", fontsize=9.5, fontweight="bold", color=INK, pad=pad)
+    axes.set_title(title, loc="left", fontsize=9.5, fontweight="bold", color=INK, pad=pad)
 
 
 def _draw_legend(axes: Axes, panel: Panel) -> float:

@@ -39,7 +39,7 @@ class Pane:
         self._plotter, self._number, self.size = plotter, number, size
         self.renderer = plotter.renderers[number]
 
-    def add(self, mesh: pyvista.PolyData, **options: Any) -> None:
+    def add(self, mesh: pyvista.DataSet, **options: Any) -> None:
         """Draw a mesh; `options` are options of `pyvista.Plotter.add_mesh`."""
         self._plotter.subplot(0, self._number)
         actor = self._plotter.add_mesh(mesh, reset_camera=False, render=False, show_scalar_bar=False, **options)
@@ -80,8 +80,7 @@ class Pane:
         """Draw filled polygons with corners (n, k, 2) in pixels and colors (n, 3) uint8."""
         count, sides = corners.shape[:2]
         flat = np.pad(corners.reshape(-1, 2), ((0, 0), (0, 1)))
-        faces = np.insert(np.arange(count * sides).reshape(count, sides), 0, sides, axis=1)
-        mesh = pyvista.PolyData(flat, faces=faces.ravel())
+        mesh = pyvista.PolyData.from_regular_faces(flat, np.arange(count * sides).reshape(count, sides))
         mesh.cell_data["color"] = colors
         self.add(mesh, scalars="color", rgb=True, lighting=False)
 
@@ -174,11 +173,12 @@ class Overlay:
         return length * self._unit
 
     def text(self, words: str, x: float, y: float, height: float, color: str = INK, **style: Any) -> None:
-        """Write words of a given height; `align` left, center or right, `bold`.
+        """Write words of a given height; `align` left, center or right, `bold`; smaller if wider than `fit` pixels.
 
         Words that would be cut at an edge of the picture move inside.
         """
-        align = style.pop("align", "left")
+        align, fit = style.pop("align", "left"), style.pop("fit", np.inf)
+        height *= min(1.0, fit / max(self.width_of(words, height, **style), 1.0)) if fit < np.inf else 1.0
         actor = self._actor(words, height, color=color, justification_horizontal=align, **style)
         actor.position = (x * OVERSAMPLING, y * OVERSAMPLING)
         self.pane.add_actor(actor)
@@ -206,10 +206,6 @@ class Overlay:
     def width_of(self, words: str, height: float, bold: bool = False) -> float:
         """Return the width of words of a given height [pixels]."""
         return self._width(self._actor(words, height, bold=bold))
-
-    def fitting(self, words: str, height: float, width: float, bold: bool = False) -> float:
-        """Return the height, at most `height`, at which words are at most `width` pixels wide."""
-        return height * min(1.0, width / max(self.width_of(words, height, bold), 1.0))
 
     def polygon(self, corners: np.ndarray, color: str) -> None:
         """Draw a filled polygon with corners (k, 2)."""

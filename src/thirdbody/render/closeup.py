@@ -5,14 +5,14 @@ while the contact sticks, and on its rim where it slips.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pyvista
 
 from thirdbody.palette import INK, SOFT_INK, STATE_COLORS
 from thirdbody.render.canvas import Canvas, Overlay
-from thirdbody.render.layout import HEADING, add_direction, draw_legend, finish_view, write_title
+from thirdbody.render.layout import Layout, add_direction, draw_frame, finish_view
 from thirdbody.render.picture_data import CloseUpData
 from thirdbody.render.viewport import Viewport
 from thirdbody.units import with_unit
@@ -30,40 +30,21 @@ _ENTRIES = (
 )
 
 
-@dataclass(frozen=True)
-class CloseUpLayout:
-    """Properties common to all pictures of a film.
-
-    View, corners (3,) [m] of the visible volume, relative to the particle or (`fixed`) to the domain, `directions`
-    (k, 2) of the drag, the force of the longest arrow [N], the particle's size [m].
-    """
-
-    view: str
-    low: np.ndarray
-    high: np.ndarray
-    fixed: bool
-    directions: np.ndarray
-    full_scale: float
-    extent: float
-
-
-def compute_close_up_layout(frames: Iterable[CloseUpData], view: str, fixed: bool) -> CloseUpLayout:
+def compute_close_up_layout(frames: Iterable[CloseUpData], view: str, fixed: bool) -> Layout:
     """Return the layout for one close-up, or for those of a film, which are processed one at a time."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     full_scale = extent = 0.0
     directions: list[np.ndarray] = []
     for one in frames:
         add_direction(directions, one.picture.drag)
-        center = one.center if fixed else np.zeros(3)
         extent = max(extent, one.extent)
-        half = _MARGIN * one.extent
-        heights = (one.center[2] - half, one.center[2] + half)
+        half, center = _MARGIN * one.extent, fixed * one.center[:2]
+        bottom, top = one.center[2] - half, one.center[2] + half
         if one.picture.has_plates:
-            heights = (one.picture.low[2], _plate_height(one) if one.picture.has_upper else heights[1])
-        low = np.minimum(low, [*(center[:2] - half), heights[0]])
-        high = np.maximum(high, [*(center[:2] + half), heights[1]])
+            bottom, top = one.picture.low[2], _plate_height(one) if one.picture.has_upper else top
+        low, high = np.minimum(low, [*(center - half), bottom]), np.maximum(high, [*(center + half), top])
         full_scale = max(full_scale, float(np.linalg.norm(one.spots.force, axis=1).max(initial=0.0)))
-    return CloseUpLayout(view, low, high, fixed, np.array(directions).reshape(-1, 2), full_scale, extent)
+    return Layout(view, low, high, np.array(directions).reshape(-1, 2), full_scale, extent=extent, follows=not fixed)
 
 
 def _plate_height(one: CloseUpData) -> float:
@@ -74,12 +55,12 @@ def _plate_height(one: CloseUpData) -> float:
     return max(one.picture.plate, one.center[2] + 0.5 * one.extent)
 
 
-def draw_close_up(canvas: Canvas, layout: CloseUpLayout, one: CloseUpData) -> None:
+def draw_close_up(canvas: Canvas, layout: Layout, one: CloseUpData) -> None:
     """Draw the picture of one particle."""
     size, overlay = canvas.size, Overlay(canvas)
-    legend = replace(one.picture.legend, entries=_ENTRIES, total=0)  # keeps a colour scale of numbers
-    foot, head = draw_legend(overlay, legend) / size[1], 1.0 - overlay.px(HEADING) / size[1]
-    shift = np.zeros(3) if layout.fixed else np.array([*one.center[:2], 0.0])
+    # keeps a colour scale of numbers
+    foot, head = draw_frame(overlay, one.picture, replace(one.picture.legend, entries=_ENTRIES, total=0))
+    shift = layout.follows * np.array([*one.center[:2], 0.0])
     wide = size[0] >= 1.25 * size[1]
     area = (0.01, foot, 0.68, head) if wide else (0.01, foot + 0.32 * (head - foot), 0.99, head)
     bounds = (layout.low + shift, layout.high + shift)
@@ -89,14 +70,13 @@ def draw_close_up(canvas: Canvas, layout: CloseUpLayout, one: CloseUpData) -> No
     _number_spots(view, overlay, one, layout)
     left, top = (0.69, head) if wide else (0.03, foot + 0.31 * (head - foot))
     _list_spots(overlay, one, left * size[0], top * size[1] - overlay.px(20))
-    write_title(overlay, one.picture.title, one.picture.facts)
 
 
 def _color(one: CloseUpData, k: int) -> str:
     return STATE_COLORS["sliding" if one.spots.utilisation[k] >= _SLIPPING else "sticking"]
 
 
-def _draw_spots(view: Viewport, one: CloseUpData, layout: CloseUpLayout) -> None:
+def _draw_spots(view: Viewport, one: CloseUpData, layout: Layout) -> None:
     spots = one.spots
     # Cones must not reach into the opposite plate.
     longest = min(_LONGEST * layout.extent, 0.8 * float(layout.high[2] - layout.low[2]))
@@ -129,7 +109,7 @@ def _draw_spots(view: Viewport, one: CloseUpData, layout: CloseUpLayout) -> None
             view.inner.add(arrow, color=INK, ambient=0.4)
 
 
-def _number_spots(view: Viewport, overlay: Overlay, one: CloseUpData, layout: CloseUpLayout) -> None:
+def _number_spots(view: Viewport, overlay: Overlay, one: CloseUpData, layout: Layout) -> None:
     drawn: list[np.ndarray] = []
     apart = 2.1 * _disc_radius(overlay)
     for k, position in enumerate(one.spots.position[:_LISTED]):

@@ -46,33 +46,19 @@ class Legend:
         return Legend(limits=ends, codes=tuple(sorted({*self.codes, *other.codes})))
 
 
-@dataclass(frozen=True)
-class Coloring:
-    """Values to be drawn: `values` (S,) one per sphere, `tubes` (C,) one per contact or None; and their legend.
-
-    Categories have their colours in `palette` (n, 3) uint8; then `values` are codes.
-    """
-
-    values: np.ndarray
-    legend: Legend
-    palette: np.ndarray | None = None
-    tubes: np.ndarray | None = None
-
-    def colors(self, values: np.ndarray) -> np.ndarray:
-        """Return the colours (n, 3) uint8 of codes or numbers."""
-        if self.palette is not None:
-            return self.palette[values]
-        low, high = self.legend.limits or (0.0, 0.0)
-        # A field of one value has the middle colour.
-        return field_colors((values - low) / (high - low) if high > low else values - low + 0.5)
+def scale_colors(values: np.ndarray, legend: Legend) -> np.ndarray:
+    """Return the colours (n, 3) uint8 of numbers."""
+    low, high = legend.limits or (0.0, 0.0)
+    # A field of one value has the middle colour.
+    return field_colors((values - low) / (high - low) if high > low else values - low + 0.5)
 
 
 def compute_coloring(
     run: RunFile, frame: int, color: str, bodies: Arrays, spheres: Arrays, row: np.ndarray, scale: Legend
-) -> Coloring:
-    """Return the colours of one frame; `row` (S,) is the row of each sphere's body, `scale` that of the film or empty.
+) -> tuple[np.ndarray, Legend, np.ndarray | None]:
+    """Return the colours of the spheres (S, 3) uint8, their legend, and those of the contacts (C, 3) where these have the array.
 
-    Raises InputError for an unknown array.
+    `row` (S,) is the row of each sphere's body, `scale` that of the film or empty. Raises InputError for an unknown array.
     """
     name = ALIASES.get(color, color)
     if name in bodies and (bodies[name].dtype == np.uint8 or name in NUMBERED):
@@ -102,10 +88,13 @@ def compute_coloring(
         finite = np.concatenate([finite, tubes[np.isfinite(tubes)]])
     limits = scale.limits or ((float(finite.min()), float(finite.max())) if len(finite) else (0.0, 0.0))
     unit = ARRAY_UNITS.get(color) or ARRAY_UNITS.get(vector) or run.header["units"].get(color, "")
-    return Coloring(values, Legend(color.replace("_", " "), limits=limits, unit=unit.replace("1", "")), tubes=tubes)
+    legend = Legend(color.replace("_", " "), limits=limits, unit=unit.replace("1", ""))
+    return scale_colors(values, legend), legend, None if tubes is None else scale_colors(tubes, legend)
 
 
-def _categories(run: RunFile, name: str, codes: np.ndarray, row: np.ndarray, shown_codes: tuple[int, ...]) -> Coloring:
+def _categories(
+    run: RunFile, name: str, codes: np.ndarray, row: np.ndarray, shown_codes: tuple[int, ...]
+) -> tuple[np.ndarray, Legend, None]:
     if name in ("state", "state_reason"):
         names = run.state_names if name == "state" else run.reason_names
     else:
@@ -120,7 +109,7 @@ def _categories(run: RunFile, name: str, codes: np.ndarray, row: np.ndarray, sho
     entries = tuple((text, colors[code]) for text, code in zip(words, shown, strict=True))
     title = {"state": "", "state_reason": "reason"}.get(name, name.replace("_", " "))
     palette = np.array([rgb(color) for color in colors], np.uint8)
-    return Coloring(codes[row].astype(np.int64), Legend(title, entries, codes=tuple(shown), total=total), palette)
+    return palette[codes[row].astype(np.int64)], Legend(title, entries, codes=tuple(shown), total=total), None
 
 
 def _length(values: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ So these are checked first, and a crash of the second process becomes one senten
 """
 
 import ctypes
-import json
+import pickle
 import subprocess
 import sys
 import tempfile
@@ -49,7 +49,7 @@ def _loads(library: str) -> bool:
 def draw_elsewhere(module: str, job: dict, report: FilmReporter | None = None) -> None:
     """Call `draw(job)` of a module in a second process, with the first kind of window that does not crash.
 
-    `job` becomes JSON; its `file` is the picture, `report` is called for each of its `frames`. Raises OutputError when the file
+    `job` can be pickled; its `file` is the picture, `report` is called for each of its `frames`. Raises OutputError when the file
     cannot be written, MissingLibrary without pyvista or when every window crashes.
     """
     windows = usable_windows()
@@ -76,10 +76,14 @@ def _start(module: str, job: dict, kind: str | None, report: FilmReporter | None
         environment["VTK_DEFAULT_OPENGL_WINDOW"] = kind
     total = len(job.get("frames", ()))
     limit = PATIENCE + PATIENCE_PER_FRAME * total
-    command = python_command("thirdbody.render.elsewhere", module, json.dumps(job))
-    # errors go into a file: two pipes would have to be read at once
-    with tempfile.TemporaryFile("w+") as errors:
-        with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=errors, text=True) as process:
+    command = python_command("thirdbody.render.elsewhere", module)
+    # job and errors are files: several pipes would have to be written and read at once
+    with tempfile.TemporaryFile() as source, tempfile.TemporaryFile("w+") as errors:
+        pickle.dump(job, source)
+        source.seek(0)
+        with subprocess.Popen(
+            command, env=environment, stdin=source, stdout=subprocess.PIPE, stderr=errors, text=True
+        ) as process:  # fmt: skip
             began, timer = time.monotonic(), threading.Timer(limit, process.kill)
             timer.start()
             try:
@@ -98,9 +102,9 @@ def _start(module: str, job: dict, kind: str | None, report: FilmReporter | None
         return process.returncode, errors.read()
 
 
-def main(module: str, argument: str) -> int:
-    """Draw the job that `draw_elsewhere` wrote as JSON; return the exit code."""
-    job = json.loads(argument)
+def main(module: str) -> int:
+    """Draw the job that `draw_elsewhere` passes on standard input; return the exit code."""
+    job = pickle.load(sys.stdin.buffer)
     try:
         import_module(module).draw(job)
     except (OSError, ThirdbodyError) as error:

@@ -1,12 +1,11 @@
 """Gallery of bodies as a PNG file: the shapes of a scene's populations, or the fit of spheres to a mesh.
 
-A second process (`elsewhere`) draws the bodies from a file, in parallel projection, so that one scale bar holds for all bodies of
+A second process (`elsewhere`) draws the bodies in parallel projection, so that one scale bar holds for all bodies of
 a group. The unit of length is the pixel.
 """
 
-import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -51,26 +50,20 @@ def draw_gallery(groups: Sequence[Group], title: str, png: str | Path) -> Path:
     the system cannot draw.
     """
     png = checked_output(png, STILLS)
-    packed: dict[str, Any] = {"title": title, "count": min(len(groups), GROUPS), "more": max(0, len(groups) - GROUPS)}
-    for g, group in enumerate(groups[:GROUPS]):
-        first = group.clumps[0]
-        alike = all(
-            body is first
-            or (len(body.radii) == len(first.radii) and np.allclose(body.centers / body.diameter, first.centers / first.diameter))
-            for body in group.clumps
-        )
-        shown = group.clumps[: 1 if alike else BODIES]
-        packed[f"{g}.words"] = np.array([group.heading, group.facts])
-        packed[f"{g}.diameters"] = [body.diameter for body in shown]
-        if group.vertices is not None and group.faces is not None:
-            packed[f"{g}.vertices"], packed[f"{g}.faces"] = group.vertices, group.faces
-        for b, body in enumerate(shown):
-            packed[f"{g}.{b}"] = np.column_stack((body.centers, body.radii))
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "gallery.npz"
-        np.savez(file, **packed)
-        draw_elsewhere(__name__, {"gallery": str(file), "file": str(png)})
+    shown = [replace(group, clumps=_different(group.clumps)) for group in groups[:GROUPS]]
+    draw_elsewhere(__name__, {"groups": shown, "title": title, "more": max(0, len(groups) - GROUPS), "file": str(png)})
     return png
+
+
+def _different(clumps: Sequence[Clump]) -> Sequence[Clump]:
+    """Return the bodies to draw: one if all have its shape."""
+    first = clumps[0]
+    alike = all(
+        body is first
+        or (len(body.radii) == len(first.radii) and np.allclose(body.centers / body.diameter, first.centers / first.diameter))
+        for body in clumps
+    )
+    return clumps[: 1 if alike else BODIES]
 
 
 class _Block:
@@ -79,37 +72,30 @@ class _Block:
     `top` is set when the picture's height is known.
     """
 
-    def __init__(self, packed: Any, g: int):
-        self.heading, self.facts = (str(words) for words in packed[f"{g}.words"])
-        self.diameters = packed[f"{g}.diameters"].tolist()
-        self.spheres = [packed[f"{g}.{b}"] for b in range(len(self.diameters))]
-        self.vertices = on_screen(packed[f"{g}.vertices"]) if f"{g}.vertices" in packed else None
-        self.faces = packed[f"{g}.faces"] if f"{g}.faces" in packed else None
+    def __init__(self, group: Group):
+        self.group, self.vertices = group, None if group.vertices is None else on_screen(group.vertices)
+        self.cells: list[tuple[Clump, bool, bool, str]] = []
         if self.vertices is None:
-            counts = [f"{len(spheres)} sphere{'s' * (len(spheres) > 1)}" for spheres in self.spheres]
-            sizes = [with_unit(diameter, "m") for diameter in self.diameters]
-            self.cells = [(b, True, False, f"{sizes[b]}, {count}") for b, count in enumerate(counts)]
+            for body in group.clumps:
+                count = len(body.radii)
+                self.cells.append((body, True, False, f"{with_unit(body.diameter, 'm')}, {count} sphere{'s' * (count > 1)}"))
         else:
-            words = "mesh", "mesh over spheres", f"{len(self.spheres[0])} spheres"
-            self.cells = [(0, k > 0, k < 2, text) for k, text in enumerate(words)]
+            words = "mesh", "mesh over spheres", f"{len(group.clumps[0].radii)} spheres"
+            self.cells = [(group.clumps[0], k > 0, k < 2, text) for k, text in enumerate(words)]
         self.columns = min(_COLUMNS, len(self.cells))
         rows = -(-len(self.cells) // self.columns)
         self.wide = (_WIDTH - 2 * _MARGIN) / self.columns
-        span = np.max([high - low for low, high in map(self.box, {cell[0] for cell in self.cells})], axis=0)
+        span = np.max([high - low for low, high in (self.box(body) for body, _, _, _ in self.cells)], axis=0)
         tallest = min(self.wide, _TALLEST if len(self.cells) > 1 else 0.6 * _TALLEST)
         self.scale = _FILL * float(min(self.wide / span[0], tallest / span[1]))
         self.tall = float(span[1]) * self.scale + 0.1 * tallest
         self.height, self.top = _HEADING + rows * (self.tall + _LABEL) + _GAP, 0.0
 
-    def box(self, body: int) -> tuple[np.ndarray, np.ndarray]:
+    def box(self, body: Clump) -> tuple[np.ndarray, np.ndarray]:
         """Return the corners (2,) of a body on the screen [m]; the same for all views of a mesh."""
-        spheres = self.spheres[body]
-        flat = on_screen(spheres[:, :3])[:, :2]
-        low, high = (flat - spheres[:, 3:]).min(axis=0), (flat + spheres[:, 3:]).max(axis=0)
-        if self.vertices is not None:
-            points = self.vertices[:, :2]
-            low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
-        return low, high
+        flat, radii = on_screen(body.centers)[:, :2], body.radii[:, None]
+        points = [flat - radii, flat + radii, *([] if self.vertices is None else [self.vertices[:, :2]])]
+        return np.concatenate(points).min(axis=0), np.concatenate(points).max(axis=0)
 
     def middle(self, number: int) -> tuple[float, float]:
         """Return the centre of a cell [pixels]."""
@@ -125,17 +111,15 @@ def on_screen(points: np.ndarray) -> np.ndarray:
     return points @ (level @ upright).T
 
 
-def draw(job: dict[str, str]) -> None:
-    """Draw the bodies in the file that `draw_gallery` wrote, in the second process. Raises OSError like `open`."""
+def draw(job: dict[str, Any]) -> None:
+    """Draw the bodies of a job of `draw_gallery`, in the second process. Raises OSError like `open`."""
     from thirdbody.render.canvas import Canvas, Overlay, save_png
     from thirdbody.render.coloring import Legend
     from thirdbody.render.layout import draw_legend
 
-    with np.load(job["gallery"]) as packed:
-        blocks = [_Block(packed, g) for g in range(int(packed["count"]))]
-        title, more = str(packed["title"]), int(packed["more"])
+    blocks = [_Block(group) for group in job["groups"]]
     height = int(_TITLE + sum(block.height for block in blocks) + _LEGEND)
-    ratios = np.concatenate([2.0 * s[:, 3] / d for block in blocks for s, d in zip(block.spheres, block.diameters, strict=True)])
+    ratios = np.concatenate([2.0 * body.radii / body.diameter for block in blocks for body in block.group.clumps])
     low, high = float(ratios.min()), float(ratios.max())
     limits = (low, high) if high - low > 1e-3 * high else (0.0, high)  # apart even if all are equal
     with Canvas((_WIDTH, height), views=1) as canvas:
@@ -146,9 +130,9 @@ def draw(job: dict[str, str]) -> None:
             block.top = top
             _draw_block(pane, overlay, block, limits)
             top -= block.height
-        overlay.text(title, _MARGIN, height - 44, 34, bold=True)
-        if more:
-            overlay.text(f"{more} more not drawn", _WIDTH - _MARGIN, height - 44, 24, align="right")
+        overlay.text(job["title"], _MARGIN, height - 44, 34, bold=True)
+        if job["more"]:
+            overlay.text(f"{job['more']} more not drawn", _WIDTH - _MARGIN, height - 44, 24, align="right")
         draw_legend(overlay, Legend("radius of a sphere over the equivalent radius of its body", limits=limits))
         save_png(canvas.pixels(), Path(job["file"]))
 
@@ -158,8 +142,8 @@ def _draw_block(pane: Any, overlay: Any, block: _Block, limits: tuple[float, flo
 
     from thirdbody.render.canvas import GLOSSY, rectangle
 
-    overlay.text(block.heading, _MARGIN, block.top - 22, 28, bold=True)
-    overlay.text(block.facts, _MARGIN, block.top - 58, 22, SOFT_INK)
+    overlay.text(block.group.heading, _MARGIN, block.top - 22, 28, bold=True)
+    overlay.text(block.group.facts, _MARGIN, block.top - 58, 22, SOFT_INK)
     # scale bar at the right of the heading
     length = round_length(180.0 / block.scale)
     right, y, wide = _WIDTH - _MARGIN, block.top - 52, length * block.scale
@@ -171,12 +155,10 @@ def _draw_block(pane: Any, overlay: Any, block: _Block, limits: tuple[float, flo
         low, high = block.box(body)
         shift = np.array([x, y, 0.0]) - np.array([*(0.5 * (low + high)), 0.0]) * block.scale
         if has_spheres:
-            spheres = block.spheres[body]
-            ratio = 2.0 * spheres[:, 3] / block.diameters[body]
-            colors = field_colors((ratio - limits[0]) / (limits[1] - limits[0]))
-            pane.add_spheres(on_screen(spheres[:, :3]) * block.scale + shift, spheres[:, 3] * block.scale, colors)
-        if has_mesh and block.vertices is not None and block.faces is not None:
-            mesh = pyvista.PolyData.from_regular_faces(block.vertices * block.scale + shift, block.faces)
+            colors = field_colors((2.0 * body.radii / body.diameter - limits[0]) / (limits[1] - limits[0]))
+            pane.add_spheres(on_screen(body.centers) * block.scale + shift, body.radii * block.scale, colors)
+        if has_mesh and block.vertices is not None and block.group.faces is not None:
+            mesh = pyvista.PolyData.from_regular_faces(block.vertices * block.scale + shift, block.group.faces)
             smooth = mesh.compute_normals(feature_angle=30.0, split_vertices=True, cell_normals=False)
             pane.add(smooth, color=_STEEL, opacity=0.45 if has_spheres else 1.0, culling="back", **GLOSSY)
         overlay.text(words, x, y - 0.5 * block.tall - 0.45 * _LABEL, 20, SOFT_INK, align="center")

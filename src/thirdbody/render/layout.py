@@ -8,7 +8,6 @@ import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from thirdbody.render.picture_data import PictureData, Window
 from thirdbody.render.viewport import ARROW, Viewport
 from thirdbody.units import prefix_for, ticks, with_unit
 
-HEADING = 118.0  # height of title and facts in a picture 900 pixels high
+_HEADING = 118.0  # height of title and facts in a picture 900 pixels high
 _SCALE_LABEL = 36.0  # height of the label below a scale bar in such a picture
 # Of the legend: height of its lowest row, its distance to the left edge, space between its items.
 _LOWEST, _LEFT, _SPACE = 48.0, 32.0, 48.0
@@ -36,17 +35,20 @@ _WIDEST_SLICE = 0.8  # a slice wider than this fraction of the domain, as one of
 class Layout:
     """Properties common to all pictures of a film.
 
-    View, the corners `low`, `high` (3,) [m] that the camera keeps in sight, `directions` (k, 2) of the drag, the
-    window to enlarge or None and the height of its content [m], the force of the thickest tube [N].
+    View, the corners `low`, `high` (3,) [m] that the camera keeps in sight, `directions` (k, 2) of the drag, the force of the
+    thickest tube or longest arrow [N]. Of the whole: the window to enlarge or None and the height of its content [m]. Of a
+    close-up of one particle: its size [m], and whether the corners are relative to it (`follows`).
     """
 
     view: str
     low: np.ndarray
     high: np.ndarray
     directions: np.ndarray
-    close_up: Window | None
-    close_up_height: float
     full_scale: float
+    close_up: Window | None = None
+    close_up_height: float = 0.0
+    extent: float = 0.0
+    follows: bool = False
 
 
 def compute_layout(frames: Iterable[PictureData], view: str, zoom: float | None) -> Layout:
@@ -55,15 +57,13 @@ def compute_layout(frames: Iterable[PictureData], view: str, zoom: float | None)
     Without `zoom` the whole is shown, and for many bodies an enlarged part; `zoom` is the fraction of the domain's width and
     depth that is shown alone.
     """
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    low, high, close_up = np.full(3, np.inf), np.full(3, -np.inf), None
     directions: list[np.ndarray] = []
-    full_scale, last = 0.0, None
+    full_scale = 0.0
     for last in frames:
         low, high = np.minimum(low, last.low), np.maximum(high, last.high)
         full_scale = max(full_scale, last.tubes.full_scale if last.tubes else 0.0)
         add_direction(directions, last.drag)
-    assert last is not None
-    close_up = None
     if zoom is not None:
         middle, half = 0.5 * (low + high), 0.5 * zoom * (high - low)
         low[:2], high[:2] = (middle - half)[:2], (middle + half)[:2]
@@ -71,7 +71,7 @@ def compute_layout(frames: Iterable[PictureData], view: str, zoom: float | None)
     else:
         close_up = close_up_window(last, view)
     height = last.plate_height_over(*close_up) if close_up else high[2]
-    return Layout(view, low, high, np.array(directions).reshape(-1, 2), close_up, height, full_scale)
+    return Layout(view, low, high, np.array(directions).reshape(-1, 2), full_scale, close_up, height)
 
 
 def close_up_window(data: PictureData, view: str = "iso") -> Window | None:
@@ -117,10 +117,8 @@ def add_direction(directions: list[np.ndarray], direction: np.ndarray) -> None:
 
 def draw_picture(canvas: Canvas, layout: Layout, data: PictureData) -> None:
     """Draw the whole picture of a frame."""
-    size, overlay = canvas.size, Overlay(canvas)
-    foot = draw_legend(overlay, data.legend, layout.full_scale) / size[1]
-    head = 1.0 - overlay.px(HEADING) / size[1]
-    areas = _viewports(layout, size, foot, head, overlay.px(_SCALE_LABEL) / size[1])
+    overlay = Overlay(canvas)
+    areas = _viewports(layout, canvas.size, *draw_frame(overlay, data, data.legend, layout.full_scale), overlay.px(_SCALE_LABEL))
     view = Viewport(canvas, data, areas[0], (layout.low, layout.high), layout.view)
     if layout.close_up:
         view.add_outline(*layout.close_up)
@@ -133,21 +131,29 @@ def draw_picture(canvas: Canvas, layout: Layout, data: PictureData) -> None:
         close = Viewport(canvas, data, _add_panel(canvas, overlay, areas[1], "close-up"), (low, high), layout.view)
         close.add_tubes(layout.full_scale)
         finish_view(close, overlay, _CLOSE)
-    write_title(overlay, data.title, data.facts)
+
+
+def draw_frame(overlay: Overlay, data: PictureData, legend: Legend, full_scale: float = 0.0) -> tuple[float, float]:
+    """Draw title, facts and legend; return the fractions of the picture's height between which there is room for views."""
+    foot = draw_legend(overlay, legend, full_scale)
+    left, (wide, tall) = overlay.px(32), overlay.size
+    if data.title:
+        overlay.text(data.title, left, tall - overlay.px(40), 36, bold=True, fit=wide - 2.0 * left)
+    overlay.text(data.facts, left, tall - overlay.px(88), 26, SOFT_INK, fit=wide - 2.0 * left)
+    return foot / tall, 1.0 - overlay.px(_HEADING) / tall
 
 
 def _viewports(layout: Layout, size: tuple[int, int], foot: float, head: float, label: float) -> list[Rectangle]:
     # The whole and its close-up: side by side in wide pictures, else one below the other; the close-up then begins under the
-    # label, of this height, of the scale bar.
+    # label, of this height [pixels], of the scale bar.
+    flat = layout.view in ("side", "front")
     if layout.close_up is None:
         return [(0.01, foot, 0.99, head)]
-    if layout.view in ("side", "front"):
-        cut = foot + 0.66 * (head - foot)
-        return [(0.01, cut + label, 0.99, head - 0.035), (0.015, foot + 0.005, 0.985, cut - 0.01)]
-    if size[0] < 1.25 * size[1]:
-        cut = foot + 0.5 * (head - foot)
-        return [(0.01, cut + label, 0.99, head), (0.015, foot + 0.005, 0.985, cut - 0.01)]
-    return [(0.01, foot, 0.56, head), (0.565, foot + 0.005, 0.985, head)]
+    if not flat and size[0] >= 1.25 * size[1]:
+        return [(0.01, foot, 0.56, head), (0.565, foot + 0.005, 0.985, head)]
+    part, margin = (0.66, 0.035) if flat else (0.5, 0.0)
+    cut = foot + part * (head - foot)
+    return [(0.01, cut + label / size[1], 0.99, head - margin), (0.015, foot + 0.005, 0.985, cut - 0.01)]
 
 
 def finish_view(view: Viewport, overlay: Overlay, iso: tuple[float, float, float], directions: np.ndarray | None = None) -> None:
@@ -176,18 +182,7 @@ def _add_panel(canvas: Canvas, overlay: Overlay, area: Rectangle, heading: str) 
     return area[0] + side, area[1] + foot, area[2] - side, area[3] - head
 
 
-def write_title(overlay: Overlay, title: str, facts: str) -> None:
-    """Write title and facts along the upper edge, smaller if they are too long."""
-    left, (wide, tall) = overlay.px(32), overlay.size
-    width = wide - 2.0 * left
-    if title:
-        overlay.text(title, left, tall - overlay.px(40), overlay.fitting(title, 36, width, bold=True), INK, bold=True)
-    overlay.text(facts, left, tall - overlay.px(88), overlay.fitting(facts, 26, width), SOFT_INK)
-
-
-class _Item(NamedTuple):
-    wide: float
-    draw: Callable[[float, float], None]
+_Item = tuple[float, Callable[[float, float], None]]  # width of an item of the legend, and its drawing at a position
 
 
 def draw_legend(overlay: Overlay, legend: Legend, full_scale: float = 0.0) -> float:
@@ -200,29 +195,29 @@ def draw_legend(overlay: Overlay, legend: Legend, full_scale: float = 0.0) -> fl
     pitch = 44.0 if legend.limits is None else 62.0  # a colour scale has numbers below it
     for number, row in enumerate(reversed(rows)):
         x, y = overlay.px(_LEFT), overlay.px(_LOWEST + pitch * number)
-        for item in row:
-            item.draw(x, y)
-            x += item.wide + overlay.px(_SPACE)
+        for wide, draw in row:
+            draw(x, y)
+            x += wide + overlay.px(_SPACE)
     return overlay.px(_LOWEST + pitch * (len(rows) - 1) + 44.0)
 
 
 def _rows(overlay: Overlay, legend: Legend, full_scale: float) -> list[list[_Item]]:
-    items = []
+    items: list[_Item] = []
     if legend.limits is not None:
         items.append(_scale(overlay, legend, 0.32 * overlay.size[0]))
     elif legend.title and legend.entries:
-        items.append(_Item(overlay.width_of(legend.title, 28), lambda x, y: overlay.text(legend.title, x, y, 28)))
+        items.append((overlay.width_of(legend.title, 28), lambda x, y: overlay.text(legend.title, x, y, 28)))
     items += [_state(overlay, words, color, legend.total) for words, color in legend.entries]
     if full_scale > 0.0:
         items.append(_force_key(overlay, full_scale))
     rows: list[list[_Item]] = [[]]
     left = width = overlay.size[0] - 2.0 * overlay.px(_LEFT)
     for item in items:
-        if rows[-1] and item.wide > left:
+        if rows[-1] and item[0] > left:
             rows.append([])
             left = width
         rows[-1].append(item)
-        left -= item.wide + overlay.px(_SPACE)
+        left -= item[0] + overlay.px(_SPACE)
     return rows
 
 
@@ -234,7 +229,7 @@ def _state(overlay: Overlay, words: str, color: str, total: int) -> _Item:
         overlay.disc(x + overlay.px(13), y, overlay.px(13), color)
         overlay.text(words, x + overlay.px(36), y, 28)
 
-    return _Item(overlay.px(36) + overlay.width_of(widest, 28), draw)
+    return overlay.px(36) + overlay.width_of(widest, 28), draw
 
 
 def _scale(overlay: Overlay, legend: Legend, wide: float) -> _Item:
@@ -256,7 +251,7 @@ def _scale(overlay: Overlay, legend: Legend, wide: float) -> _Item:
             overlay.polygon(rectangle(x - half, foot - overlay.px(7), x + half, foot), INK)
             overlay.text(f"{value:.6g}", x, foot - overlay.px(20), 24, align="center")
 
-    return _Item(before + wide, draw)
+    return before + wide, draw
 
 
 def _force_key(overlay: Overlay, full_scale: float) -> _Item:
@@ -270,4 +265,4 @@ def _force_key(overlay: Overlay, full_scale: float) -> _Item:
         overlay.polygon(np.array([[a, y], [b, y - tall], [b, y + tall]]), INK)
         overlay.text(largest, b + overlay.px(14), y, 28)
 
-    return _Item(before + wedge + overlay.px(14) + overlay.width_of(largest, 28), draw)
+    return before + wedge + overlay.px(14) + overlay.width_of(largest, 28), draw

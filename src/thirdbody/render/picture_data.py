@@ -11,7 +11,7 @@ import numpy as np
 
 from thirdbody.errors import InputError
 from thirdbody.palette import STATE_COLORS, pale, rgb
-from thirdbody.render.coloring import Arrays, Coloring, Legend, compute_coloring
+from thirdbody.render.coloring import Arrays, Legend, compute_coloring
 from thirdbody.render.surfaces import SMALLEST_CONTACT, PlateSurface, Touching, read_plate_surfaces, read_touching
 from thirdbody.trajectory.read_blocks import rows_of
 from thirdbody.trajectory.run_file import RunFile
@@ -110,7 +110,7 @@ def read_picture_data(run: RunFile, frame: int, color: str, forces: bool = False
     shift = np.zeros_like(bodies["position"])  # wraps each body's centre into a periodic domain; bodies stay whole
     if period is not None:
         shift[:, :2] = np.floor(bodies["position"][:, :2] / period) * period
-    coloring = compute_coloring(run, frame, color, bodies, spheres, row, scale)
+    colors, legend, tube_colors = compute_coloring(run, frame, color, bodies, spheres, row, scale)
     surfaces, touching = read_plate_surfaces(run, frame), None
     if "lower" in surfaces:
         smallest = SMALLEST_CONTACT * float(np.mean(spheres["radius"])) if len(row) else 0.0
@@ -118,7 +118,7 @@ def read_picture_data(run: RunFile, frame: int, color: str, forces: bool = False
     return PictureData(
         centers=spheres["position"] - shift[row],
         radii=np.asarray(spheres["radius"], np.float64),
-        colors=coloring.colors(coloring.values),
+        colors=colors,
         body=row,
         bodies=bodies["position"] - shift,
         codes=bodies["state"] if "state" in bodies else np.zeros(len(shift), np.uint8),
@@ -130,10 +130,10 @@ def read_picture_data(run: RunFile, frame: int, color: str, forces: bool = False
         drag=_drag(run, frame, plates),
         title=str(run.header.get("title", "")),
         facts=_facts(run, frame, len(shift)),
-        legend=coloring.legend,
+        legend=legend,
         ids=bodies["id"] if "id" in bodies else np.arange(len(shift)),
         labels=_labels(run, bodies),
-        tubes=force_tubes(run.contacts(frame), bodies, shift, period, coloring) if forces else None,
+        tubes=force_tubes(run.contacts(frame), bodies, shift, period, tube_colors) if forces else None,
         surfaces=surfaces,
         touching=touching,
     )
@@ -220,18 +220,19 @@ def _facts(run: RunFile, frame: int, count: int) -> str:
     return "   ·   ".join(facts)
 
 
-def force_tubes(contacts: Arrays, bodies: Arrays, shift: np.ndarray, period: np.ndarray | None, coloring: Coloring) -> Tubes:
+def force_tubes(
+    contacts: Arrays, bodies: Arrays, shift: np.ndarray, period: np.ndarray | None, colors: np.ndarray | None = None
+) -> Tubes:
     """Return the tubes of one frame: centre of a body, contact point and, for two bodies, the other centre.
 
-    `shift` (B, 3) is subtracted to wrap bodies, `period` (2,) the periodic domain or None. Tubes have the colours of contacts if
-    these have the drawn array, and are dark otherwise. Raises InputError without forces.
+    `shift` (B, 3) is subtracted to wrap bodies, `period` (2,) the periodic domain or None; without `colors` of the contacts
+    (C, 3) tubes are dark. Raises InputError without forces.
     """
     if "force" not in contacts or "body" not in contacts:
         raise InputError("forces: this run recorded no forces of its contacts")
     force = np.linalg.norm(contacts["force"], axis=1)
-    colors = np.tile(np.array(rgb(TUBE), np.uint8), (len(force), 1))
-    if coloring.tubes is not None:
-        colors = coloring.colors(coloring.tubes)
+    if colors is None:
+        colors = np.tile(np.array(rgb(TUBE), np.uint8), (len(force), 1))
     own = rows_of(bodies, contacts["body"])
     middle = bodies["position"] - shift
     point = nearest_image(contacts["position"] - shift[own] - middle[own], period) + middle[own]

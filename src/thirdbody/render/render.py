@@ -56,12 +56,12 @@ def render(run_path: str | Path, output: str | Path, *, progress: bool | FilmRep
     cannot be written.
     """
     from thirdbody.render.picture_data import read_close_up, read_picture_data, refuse_lost
-    from thirdbody.trajectory.run_file import open_run
+    from thirdbody.trajectory.run_file import RunFile
 
     output, chosen = checked_output(output), PictureOptions(**options)
     film = output.suffix.lower() in FILMS
     _check_options(output.suffix.lower(), chosen)
-    with open_run(run_path) as run:
+    with RunFile(run_path) as run:
         if chosen.plate is not None:
             from thirdbody.render.surfaces import draw_plate_map
 
@@ -134,10 +134,10 @@ def checked_output(path: str | Path, allowed: tuple[str, ...] = STILLS + FILMS +
 def draw(job: dict[str, Any]) -> None:
     """Draw the frames of a job, as `render` checked it, in the second process. Raises OSError when the file cannot be written."""
     from thirdbody.render.canvas import Canvas, save_png
-    from thirdbody.trajectory.run_file import open_run
+    from thirdbody.trajectory.run_file import RunFile
 
     file = Path(job["file"])
-    with open_run(job["run"]) as run, Canvas(tuple(job["size"])) as canvas:
+    with RunFile(job["run"]) as run, Canvas(tuple(job["size"])) as canvas:
         pictures = _draw_pictures(run, job, canvas)
         if file.suffix.lower() == ".png":
             save_png(next(pictures), file, origin(run, job))

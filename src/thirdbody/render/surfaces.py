@@ -133,12 +133,11 @@ def skirt(mesh: pyvista.StructuredGrid, z: float) -> pyvista.PolyData:
     number = np.arange(n_x * n_y).reshape(n_y, n_x)
     edge = np.concatenate([number[0, :-1], number[:-1, -1], number[-1, :0:-1], number[:0:-1, 0]])
     top = np.asarray(mesh.points)[edge]
-    bottom = top.copy()
-    bottom[:, 2] = z
-    n, k = len(edge), np.arange(len(edge))
-    after = (k + 1) % n
-    faces = np.stack([np.full(n, 4), k, after, after + n, k + n], axis=1)
-    return pyvista.PolyData(np.concatenate([top, bottom]), faces=faces.ravel())
+    bottom = np.insert(top[:, :2], 2, z, axis=1)
+    k, n = np.arange(len(edge)), len(edge)
+    after = np.roll(k, -1)
+    faces: Any = np.column_stack([k, after, after + n, k + n])
+    return pyvista.PolyData.from_regular_faces(np.concatenate([top, bottom]), faces)
 
 
 def draw_plate_map(run: RunFile, file: Path, options: Any) -> Path:

@@ -100,7 +100,7 @@ class Viewport:
         grid: Any = pyvista.StructuredGrid(*np.meshgrid(x, y, [z], indexing="ij"))
         part = grid.extract_cells(drawn)
         part.cell_data["color"] = np.rint(sums[drawn] / count[drawn, None]).astype(np.uint8)
-        self._outer.add(part.extract_surface(), scalars="color", rgb=True, lighting=False)
+        self._outer.add(part, scalars="color", rgb=True, lighting=False)
 
     def _add_plates(self) -> None:
         floor = float(self.scaled(self._data.low)[2])
@@ -127,11 +127,13 @@ class Viewport:
         self._corners += [np.array([x, y, back]) for x in (self._low[0], self._high[0]) for y in (self._low[1], self._high[1])]
         self._bottom = min(self._bottom, back)
         if side == "lower":
-            smooth = mesh.extract_surface().compute_normals(cell_normals=False, flip_normals=False)
+            flat = pyvista.PolyData(mesh.points, faces=mesh.cast_to_unstructured_grid().cells)
+            smooth = flat.compute_normals(cell_normals=False)
+            smooth["color"] = mesh["color"]
             self._outer.add(smooth, scalars="color", rgb=True, ambient=0.5, diffuse=0.55)
             self._outer.add(walls, color=_PLATE, ambient=0.55, diffuse=0.45)
         else:
-            for part in (mesh.extract_surface(), walls):
+            for part in (mesh, walls):
                 self._outer.add(part, color=_GLASS, opacity=0.16, ambient=0.55, diffuse=0.45)
 
     def _add_contacts(self, low: np.ndarray, high: np.ndarray) -> None:
@@ -164,9 +166,8 @@ class Viewport:
         if not visible.any():
             return
         ends = np.stack([self.scaled(tubes.start[visible]), self.scaled(tubes.end[visible])], axis=1)
-        points = ends.reshape(-1, 3).astype(np.float32)
-        lines = np.insert(np.arange(len(points)).reshape(-1, 2), 0, 2, axis=1)
-        mesh = pyvista.PolyData(points, lines=lines.ravel())
+        points: Any = ends.reshape(-1, 3).astype(np.float32)
+        mesh = pyvista.line_segments_from_points(points)
         mesh["radius"] = np.repeat(np.float32(radii[visible]), 2)
         mesh["color"] = np.repeat(tubes.colors[visible], 2, axis=0)
         tube = mesh.tube(scalars="radius", absolute=True, n_sides=_SIDES)

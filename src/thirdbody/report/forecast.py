@@ -5,7 +5,6 @@ point contacts. Each condition is a number of the run with the limit up to which
 thousand clumps (plugins/three_spot/README.md, "Forecast against fact").
 """
 
-import tomllib
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -99,8 +98,6 @@ def forecasts(run: RunFile) -> Forecasts:
 
 def draw_forecast(path: Path, picture: Path) -> None:
     """Draw forecast against observation of the run at `path`. Raises like `draw_forecasts`, InputError without either."""
-    from thirdbody.trajectory.run_file import RunFile
-
     with RunFile(path) as run:
         result = forecasts(run)
         if not len(result.body):
@@ -168,7 +165,7 @@ def watched_frames(run: RunFile, start: int) -> np.ndarray:
 
 def plate_friction(run: RunFile) -> np.ndarray:
     """Return the friction coefficients (2, M) of each material against the lower and the upper plate."""
-    scene = tomllib.loads(run.scene_text)
+    scene = run.scene_tables
     of_pair = {frozenset(pair["between"]): float(pair["friction"]) for pair in scene["pairs"]}
     plates = [scene["plates"][side]["material"] for side in ("lower", "upper")]
     return np.array([[of_pair.get(frozenset((name, plate)), np.nan) for name in run.header["materials"]] for plate in plates])
@@ -192,9 +189,14 @@ def conditions(run: RunFile, start: int, watched: np.ndarray, report: np.ndarray
     that have a forecast, `friction` (B,) their coefficients against the plates.
     """
     neighbours = float(touches_others(run, watched)[report].mean())
-    overlap, inertia = _overlap(run, start), _inertia(run, start, report, friction)
+    contacts, upper = run.contacts(start), run.scene_tables.get("plates", {}).get("upper", {})
+    loaded = contacts["contact_radius"] > 0.0
+    ratio = contacts["overlap"][loaded] / contacts["contact_radius"][loaded]  # a/R, as a^2 = R overlap (Hertz)
+    overlap, inertia = float(np.median(ratio**2)) if loaded.any() else 0.0, _inertia(run, start, report, friction)
     frames, reversed_fraction = float(np.median(watched[:, report].sum(axis=0))), _reversed_fraction(run, start, watched)
-    support, follows = _support(run)
+    support, follows = str(upper.get("support", "rigid")).replace("_", " "), upper.get("support", "rigid") != "rigid"
+    if upper.get("gap") is not None:  # it does not yield to a body: one that tips wedges
+        support, follows = f"{support}, gap prescribed", False
     return [
         Condition("neighbours", "bodies that touch another one", neighbours, percent(neighbours),
                   f"at most {percent(MAX_NEIGHBOURS)}", neighbours <= MAX_NEIGHBOURS),
@@ -220,13 +222,6 @@ def touches_others(run: RunFile, watched: np.ndarray) -> np.ndarray:
     return result
 
 
-def _overlap(run: RunFile, start: int) -> float:
-    """Return the median of overlap over radius of curvature of the loaded contacts: a^2 = R overlap, Hertz."""
-    contacts = run.contacts(start)
-    loaded = contacts["contact_radius"] > 0.0
-    return float(np.median((contacts["overlap"][loaded] / contacts["contact_radius"][loaded]) ** 2)) if loaded.any() else 0.0
-
-
 def _inertia(run: RunFile, start: int, report: np.ndarray, friction: np.ndarray) -> float:
     """Return the median of m v^2/(mu N a) of the bodies, with the mean speed of the drag; infinite without friction."""
     bodies, contacts, count = run.bodies(start), run.contacts(start), len(report)
@@ -237,8 +232,7 @@ def _inertia(run: RunFile, start: int, report: np.ndarray, friction: np.ndarray)
     speed = float(distance[-1] - distance[start]) / float(run.times[-1] - run.times[start])
     resistance = (friction * load * radius)[report]
     energy = np.asarray(bodies["mass"], float)[report] * speed**2
-    ratio = np.divide(energy, resistance, out=np.full(len(energy), np.inf), where=resistance > 0.0)
-    return float(np.median(ratio))
+    return float(np.median(np.divide(energy, resistance, out=np.full(len(energy), np.inf), where=resistance > 0.0)))
 
 
 def _reversed_fraction(run: RunFile, start: int, watched: np.ndarray) -> float:
@@ -251,12 +245,3 @@ def _reversed_fraction(run: RunFile, start: int, watched: np.ndarray) -> float:
     moved = (ends[1][4] - ends[1][0]) - (ends[0][4] - ends[0][0])
     reversed_fraction = 1.0 - float(np.hypot(moved[0], moved[1])) / distance
     return reversed_fraction if reversed_fraction > ROUNDED else 0.0
-
-
-def _support(run: RunFile) -> tuple[str, bool]:
-    """Return the support of the upper plate in words, and whether it yields to each body: else a tipping body wedges."""
-    upper = tomllib.loads(run.scene_text).get("plates", {}).get("upper", {})
-    support = str(upper.get("support", "rigid")).replace("_", " ")
-    if upper.get("gap") is not None:
-        return f"{support}, gap prescribed", False
-    return support, support != "rigid"

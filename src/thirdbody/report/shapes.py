@@ -175,46 +175,37 @@ def shapes_report(result: list[Population], json: bool) -> None:
     if json:
         print_json({"populations": entries})
         return
+    columns = ("mean", "std", "min", "median", "max")
     for number, entry in enumerate(entries):
         if number:
             print()
-        _print(entry)
+        rows = [[name, *(pretty(entry[key][column], unit) for column in columns)] for name, key, unit in _ROWS]
+        for axis, values in enumerate(entry["inertia"], 1):
+            rows.append([f"moment of inertia I{axis}, kg m2", *(f"{values[column]:.3g}" for column in columns)])
+        material = f" of {entry['material']}" if entry["material"] else ", density 1 kg/m3"
+        table(f"{entry['name']}: {_bodies(entry['count'])}, {entry['kind']}{material}", ("", *columns), rows)
+        for note in entry.get("notes", ()):
+            print_line(note)
+        for fit in entry.get("fits", ()):
+            table("fit to the mesh", ("", ""), _fit_rows(fit))
 
 
 def _bodies(count: int) -> str:
     return "1 body" if count == 1 else f"{count} bodies"
 
 
-def _print(entry: dict[str, Any]) -> None:
-    columns = ("mean", "std", "min", "median", "max")
-
-    def row(name: str, values: dict[str, float], dimension: str) -> list[str]:
-        return [name, *(pretty(values[column], dimension) for column in columns)]
-
-    rows = [row(name, entry[key], dimension) for name, key, dimension in _ROWS]
-    for number, values in enumerate(entry["inertia"], 1):
-        rows.append([f"moment of inertia I{number}, kg m2", *(f"{values[column]:.3g}" for column in columns)])
-    material = f" of {entry['material']}" if entry["material"] else ", density 1 kg/m3"
-    table(f"{entry['name']}: {_bodies(entry['count'])}, {entry['kind']}{material}", ("", *columns), rows)
-    for note in entry.get("notes", ()):
-        print_line(note)
-    for fit in entry.get("fits", ()):
-        _print_fit(fit)
-
-
-def _print_fit(fit: dict[str, Any]) -> None:
+def _fit_rows(fit: dict[str, Any]) -> list[tuple[str, str]]:
     ratio = fit["contact_radius_ratio"]
     volume, inertia = pretty(fit["mesh_volume"], "volume"), ", ".join(f"{value:.4g}" for value in fit["mesh_inertia"])
     extents = ", ".join(f"{value:.3g}" for value in fit["union_extent_ratio"])
     span = f"{ratio['min']:.3g} to {ratio['max']:.3g}"
-    lines = [
+    return [
         ("mesh", f"{fit['mesh']}, {fit['triangles']} triangles, R = {pretty(fit['radius'], 'length')} (ball of the same volume)"),
         ("distance of surfaces", f"{100 * fit['rms']:.2g} % of R (rms), {100 * fit['maximum']:.2g} % at most"),
         ("volume, inertia", f"those of the mesh: {volume}; {inertia} m5 at density 1"),
         ("union of the spheres", f"{fit['union_volume_ratio']:.3g} of its volume, {extents} of its length, width, thickness"),
         ("where a plane touches", f"{ratio['median']:.3g} of the mesh's radius (median; {span})"),
-    ]  # fmt: skip
-    table("fit to the mesh", ("", ""), lines)
+    ]
 
 
 def draw_shapes(result: list[Population], title: str, png: Path) -> Path:
@@ -222,13 +213,13 @@ def draw_shapes(result: list[Population], title: str, png: Path) -> Path:
     from thirdbody.render.gallery import draw_gallery
 
     groups = []
-    for population in result:
-        meshes = population.meshes
-        for k, shape in enumerate(meshes if len(meshes) > 1 else ()):  # a group for each mesh
-            name, clumps = f"{population.name}: {shape.name}", population.clumps[k :: len(meshes)]
-            groups.append(_group(replace(population, name=name, clumps=clumps, meshes=[shape])))
-        if len(meshes) < 2:
-            groups.append(_group(population))
+    for one in result:
+        count = len(one.meshes)
+        if count < 2:
+            groups.append(_group(one))
+        for k, shape in enumerate(one.meshes if count > 1 else ()):  # a group for each mesh
+            part = replace(one, name=f"{one.name}: {shape.name}", clumps=one.clumps[k::count], meshes=[shape])
+            groups.append(_group(part))
     return draw_gallery(groups, title, png)
 
 
@@ -243,16 +234,15 @@ def _group(population: Population) -> Any:
     size = with_unit(diameter["mean"], "m")
     if diameter["std"] > 0.0:
         size += f" ({with_unit(diameter['min'], 'm')} to {with_unit(diameter['max'], 'm')})"
-    number = f"{spheres['min']:g}" if spheres["min"] == spheres["max"] else f"{spheres['min']:g} to {spheres['max']:g}"
-    touching = f"radius where a plane touches {entry['sharpness']['mean']:.2f} of the equivalent radius"
-    facts = f"diameter {size}   ·   {number} sphere{'s' * (spheres['max'] > 1)}   ·   {touching}"
     if not population.meshes:
+        number = f"{spheres['min']:g}" if spheres["min"] == spheres["max"] else f"{spheres['min']:g} to {spheres['max']:g}"
+        touching = f"radius where a plane touches {entry['sharpness']['mean']:.2f} of the equivalent radius"
+        facts = f"diameter {size}   ·   {number} sphere{'s' * (spheres['max'] > 1)}   ·   {touching}"
         return Group(heading, facts, population.clumps)
-    (shape,) = population.meshes
-    fit, body = shape.fit, population.clumps[0]
+    (shape,), body = population.meshes, population.clumps[0]
+    fit = shape.fit
     error = f"surfaces {100 * fit.rms:.2g} % of R apart (at most {100 * fit.maximum:.2g} %)"
-    touching = f"touching radius {np.median(fit.contact_ratio):.2f} of the mesh's"
-    facts = f"diameter {size}   ·   {error}   ·   {touching}"
+    facts = f"diameter {size}   ·   {error}   ·   touching radius {np.median(fit.contact_ratio):.2f} of the mesh's"
     # the mesh is scaled with bodies of another size than the file's
     scale = body.diameter / (2.0 * fit.size)
     vertices = (shape.surface.vertices - fit.centroid) @ matrix_from_quaternion(fit.quaternion) * scale
@@ -265,13 +255,9 @@ def kinds_report(kind: str | None, plugins: Sequence[Path], json: bool) -> None:
     failures, usable = result.failures(), result.usable()
     if kind is not None and kind not in usable:
         raise UsageError(failures.get(kind) or f"--list {kind}: no such kind of debris, {nearest(kind, usable)}")
+    first = {name: " ".join((one.__doc__ or "").split()).split(". ")[0].rstrip(".") for name, one in usable.items()}
     entries: list[dict[str, Any]] = [
-        {
-            "kind": name,
-            "from": result.source(name),
-            "description": _first_sentence(one.__doc__),
-            "schema": one.model_json_schema(),
-        }
+        {"kind": name, "from": result.source(name), "description": first[name], "schema": one.model_json_schema()}
         for name, one in usable.items()
         if kind in (None, name)
     ]
@@ -288,7 +274,3 @@ def kinds_report(kind: str | None, plugins: Sequence[Path], json: bool) -> None:
     (entry,) = entries
     rows = [[key.path, key.value, key.default, key.meaning] for key in table_keys(entry["schema"])]
     table(f"{kind}: {entry['description']}", ("key", "value", "default", "meaning"), rows)
-
-
-def _first_sentence(doc: str | None) -> str:
-    return " ".join((doc or "").split()).split(". ")[0].rstrip(".")

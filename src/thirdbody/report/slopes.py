@@ -14,7 +14,6 @@ S. S. Sastry 1994, chapter 5.
 from __future__ import annotations
 
 import math
-import tomllib
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -144,7 +143,11 @@ def slope_forecast(run: RunFile, frame: int, drag: np.ndarray) -> SlopeForecast:
     meets = np.unique(np.concatenate([contacts[name][loaded & (contacts["side"] == DEBRIS)] for name in ("body", "partner")]))
     rows = np.flatnonzero(loaded & (contacts["side"] != DEBRIS))
     rows = rows[np.argsort(contacts["body"][rows], kind="stable")]
-    friction, weight = plate_friction(run), _acceleration(run)
+    friction, gravity = plate_friction(run), np.zeros(3)
+    if "gravity" in run.scene_tables.get("effects", {}):
+        from thirdbody.scene.model import Scene
+
+        gravity = np.array(Scene.parse(run.scene_text).effects.gravity, np.float64)
     supported = np.zeros(count, bool)
     for own in np.split(rows, np.flatnonzero(np.diff(contacts["body"][rows])) + 1) if len(rows) else []:
         b = int(contacts["body"][own[0]])
@@ -155,7 +158,7 @@ def slope_forecast(run: RunFile, frame: int, drag: np.ndarray) -> SlopeForecast:
         supported[b] = True
         support = Support(
             contacts["position"][own] - bodies["position"][b], contacts["normal"][own],
-            friction[above.astype(int), bodies["material"][b]], above, push, weight * float(bodies["mass"][b]),
+            friction[above.astype(int), bodies["material"][b]], above, push, gravity * float(bodies["mass"][b]),
         )  # fmt: skip
         stick[b] = can_stick(support)
         reach = contacts["overlap"][own] / (WINDOW * contacts["contact_radius"][own])
@@ -164,15 +167,6 @@ def slope_forecast(run: RunFile, frame: int, drag: np.ndarray) -> SlopeForecast:
             other = can_slide(support, drag, False, reach)
             slide[b] = other if other == POSSIBLE else max(slide[b], other)
     return SlopeForecast(stick, slide, supported)
-
-
-def _acceleration(run: RunFile) -> np.ndarray:
-    """Return the acceleration of gravity (3,) [m/s2] of a run's scene."""
-    if "gravity" not in tomllib.loads(run.scene_text).get("effects", {}):
-        return np.zeros(3)
-    from thirdbody.scene.model import Scene
-
-    return np.array(Scene.parse(run.scene_text).effects.gravity, np.float64)
 
 
 def slopes_report(path: Path, frame: int | None, json: bool) -> None:

@@ -16,8 +16,7 @@ from thirdbody.surfaces.statistics import Statistics, surface_statistics, with_s
 from thirdbody.system.terminal import print_line
 from thirdbody.units import pretty
 
-PICTURES, SCANS = (".png", ".pdf", ".svg"), (".npz",)
-SCENES = (".toml",)
+PICTURES, SCAN = (".png", ".pdf", ".svg"), ".npz"
 
 
 class Described(NamedTuple):
@@ -27,38 +26,52 @@ class Described(NamedTuple):
     heights: np.ndarray
     spacing: tuple[float, float]
     statistics: Statistics
-    notes: tuple[str, ...] = ()
+    notes: Sequence[str] = ()
 
 
-def check_targets(path: Path, out: Sequence[Path], plate: str | None, unit: str | None) -> None:
-    """Raise UsageError for options that do not belong to the file."""
-    scene = path.suffix.lower() in SCENES
-    for target in out:
-        if target.suffix.lower() not in PICTURES + SCANS:
-            raise UsageError(f"{target}: expected a picture ({', '.join(PICTURES)}) or a height map (.npz)")
+def surface_report(
+    path: Path, out: Sequence[Path], plate: str | None, grid: tuple[str | None, str | None], settings: Mapping[str, str],
+    plugins: Sequence[Path], json: bool,
+) -> None:  # fmt: skip
+    """Print the statistics of a measured surface, or of that of a scene's plate; write and draw it into the files `out`.
+
+    `grid`: unit, and distance of points, of a file that names none. Raises UsageError for options that do not belong to the file.
+    """
+    scene, kinds = path.suffix.lower() == ".toml", {target: target.suffix.lower() for target in out}
+    for target, kind in kinds.items():
+        if kind not in (*PICTURES, SCAN):
+            raise UsageError(f"{target}: expected a picture ({', '.join(PICTURES)}) or a height map ({SCAN})")
     if plate is not None and not scene:
         raise UsageError("--plate: for a scene; a file holds one surface")
-    if unit is not None and scene:
+    if grid != (None, None) and scene:
         raise UsageError("--unit, --spacing: for a file of a measured surface")
+    scan, one = _plate(path, plate, settings, plugins) if scene else _measured(path, *grid)
+    for target in (target for target, kind in kinds.items() if kind == SCAN):
+        try:
+            write_whole(target, npz_bytes(scan))
+        except OSError as error:
+            raise OutputError(f"{target}: cannot be written ({error.strerror or error})") from error
+    _print(one, json)
+    for target in (target for target, kind in kinds.items() if kind in PICTURES):
+        from thirdbody.plot.surface_plot import draw_surface
+
+        draw_surface(target, one.name, one.heights, one.spacing, one.statistics)
+    for target in out:
+        print_line(target, err=json)
 
 
-def describe_scan(path: Path, unit: str | None, spacing: str | None, out: Sequence[Path]) -> Described:
-    """Return a measured surface after subtraction of its plane, and write it where `out` names NPZ files."""
+def _measured(path: Path, unit: str | None, spacing: str | None) -> tuple[HeightMap, Described]:
     scan = read_any_scan(path, unit, spacing)
-    _write(scan, out)
     heights = levelled(fill_missing(scan.heights), "plane")
     notes = [*scan.notes, "after subtraction of the plane of least squares"]
     if scan.missing:
         notes.append(f"{100.0 * scan.missing:.2g} % of the points have no height; filled here from their surroundings")
     statistics = surface_statistics(heights, scan.spacing, periodic=False)
     whole = with_spectrum(statistics, heights, scan.spacing, periodic=False)
-    return Described(path.name, heights, scan.spacing, whole, tuple(notes))
+    return scan, Described(path.name, heights, scan.spacing, whole, notes)
 
 
-def describe_plate(
-    path: Path, plate: str | None, settings: Mapping[str, str], plugins: Sequence[Path], out: Sequence[Path]
-) -> Described:
-    """Return the surface of a plate of a scene, and write it where `out` names NPZ files. Raises UsageError for a flat one."""
+def _plate(path: Path, plate: str | None, settings: Mapping[str, str], plugins: Sequence[Path]) -> tuple[HeightMap, Described]:
     from thirdbody.assembly.surfaces import plate_surfaces  # imports the engine, which a file needs not
 
     scene = Scene.load(path, plugins)
@@ -69,22 +82,12 @@ def describe_plate(
     if side not in surfaces:
         raise UsageError(f"--plate {side}: this plate is flat; {next(iter(surfaces))} has a surface")
     surface = surfaces[side]
-    _write(HeightMap(surface.heights, surface.spacing, side), out)
     statistics = with_spectrum(surface.statistics, surface.one_copy, surface.spacing)
-    return Described(f"{path.name}, {side} plate", surface.heights, surface.spacing, statistics, surface.notes)
+    one = Described(f"{path.name}, {side} plate", surface.heights, surface.spacing, statistics, surface.notes)
+    return HeightMap(surface.heights, surface.spacing, side), one
 
 
-def _write(scan: HeightMap, out: Sequence[Path]) -> None:
-    for target in out:
-        if target.suffix.lower() in SCANS:
-            try:
-                write_whole(target, npz_bytes(scan))
-            except OSError as error:
-                raise OutputError(f"{target}: cannot be written ({error.strerror or error})") from error
-
-
-def surface_report(one: Described, json: bool) -> None:
-    """Print the statistics of a surface, as a table or as JSON."""
+def _print(one: Described, json: bool) -> None:
     n_y, n_x = one.heights.shape
     size = n_x * one.spacing[0], n_y * one.spacing[1]
     if json:
@@ -116,13 +119,3 @@ def law_text(statistics: Statistics) -> str:
     above = f"flat above {pretty(law.long, 'length')}" if law.rolls_off else f"no roll-off up to {pretty(law.long, 'length')}"
     doubt = "" if law.is_certain else "; uncertain, as the band is narrow"
     return f"Hurst exponent {law.hurst:.2f} from {pretty(law.long, 'length')} to {pretty(law.short, 'length')}, {above}{doubt}"
-
-
-def draw_described(one: Described, out: Sequence[Path]) -> None:
-    """Draw the surface where `out` names pictures."""
-    targets = [target for target in out if target.suffix.lower() in PICTURES]
-    if targets:
-        from thirdbody.plot.surface_plot import draw_surface
-
-        for target in targets:
-            draw_surface(target, one.name, one.heights, one.spacing, one.statistics)

@@ -72,10 +72,7 @@ def run_report(folder: Path, json: bool) -> None:
         if json:
             print_json(report | {"files": files})
             return
-        names = [name for name in result.state_names if f"fraction_{name}" in result.series]
-        fractions = [f"{name} {100.0 * result.series[f'fraction_{name}'][-1]:.1f} %" for name in names]
-        rows = [*_rows_before_states(result, report), ("states", ", ".join(fractions)), *_rows_after_states(report)]
-        rows.append(("files", f"{folder} ({', '.join(Path(file).name for file in files)})"))
+        rows = [*_rows_of_run(result, report), ("files", f"{folder} ({', '.join(Path(file).name for file in files)})")]
         if report.get("stopped"):
             # the full reason ends the command, on standard error
             rows.insert(0, ("finished", f"no: {report['stopped'].split(' ')[0]} after {report['frames']} frame(s), kept"))
@@ -84,9 +81,10 @@ def run_report(folder: Path, json: bool) -> None:
         print_warnings(text for text in result.warnings if text not in before)
 
 
-def _rows_before_states(run: RunFile, report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    from thirdbody.runner.verdicts import step_words
-    from thirdbody.trajectory.bed import bed_rows
+def _rows_of_run(run: RunFile, report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    from thirdbody.runner.verdicts import step_words, yield_words
+    from thirdbody.trajectory.bed import accommodation_text, bed_rows
+    from thirdbody.trajectory.states import fractions_text, informative_groups
 
     yield "wall time", f"{report['wall_time']:.1f} s"
     yield "steps", f"{report['steps']} ({report['sphere_steps_per_second']:.3g} sphere-steps/s)"
@@ -102,13 +100,8 @@ def _rows_before_states(run: RunFile, report: Mapping[str, Any]) -> Iterator[tup
         load, active = (f"{100.0 * report[name]:.3g} %" for name in ("load_share_debris", "active"))
         yield "load on debris", f"{load}, on {active} of the bodies; the rest is direct contact of the plates"
     yield from bed_rows(run.bed)
-
-
-def _rows_after_states(report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    from thirdbody.runner.verdicts import yield_words
-    from thirdbody.trajectory.bed import accommodation_text
-    from thirdbody.trajectory.states import fractions_text, informative_groups
-
+    known = [name for name in run.state_names if f"fraction_{name}" in run.series]
+    yield "states", ", ".join(f"{name} {100.0 * run.series[f'fraction_{name}'][-1]:.1f} %" for name in known)
     for _, rows in informative_groups({kind: report.get(f"{kind}s", []) for kind in ("population", "material")}):
         for row in rows:
             load = f", {100.0 * row['load_share']:.0f} % of the load" if "load_share" in row else ""
@@ -121,21 +114,6 @@ def _rows_after_states(report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "start relaxed", f"{start['bodies_moved']} of {report['bodies']} bodies moved{distances}"
     yield "peak pressure", yield_words(report) or "not known"
     yield "energy residual", "not known" if report["energy_residual"] is None else f"{report['energy_residual']:.2e}"
-
-
-def _print_groups(run: RunFile, frame: int) -> None:
-    from thirdbody.trajectory.states import informative_groups, states_by_group
-
-    headings = {"population": "by population", "material": "by material", "size": "by size (equivalent diameter)"}
-    for kind, rows in informative_groups(states_by_group(run, frame)):
-        load = ["load"] if "load_share" in rows[0] else []
-        table(
-            f"states at frame {frame} {headings[kind]}",
-            ["", "bodies", *load, *run.state_names],
-            [[row["name"], str(row["bodies"]), *([f"{100.0 * row['load_share']:.1f} %"] if load else []),
-              *(f"{100.0 * fraction:.0f} %" for fraction in row["fractions"].values())] for row in rows],
-        )  # fmt: skip
-        print()
 
 
 def states_report(path: Path, frame: int | None, json: bool, cycles: float | None = None) -> None:
@@ -156,9 +134,9 @@ def states_report(path: Path, frame: int | None, json: bool, cycles: float | Non
 
 def _states_over_frames(run: RunFile, json: bool, cycles: float | None) -> None:
     from thirdbody.report.forecast import compare_forecast
-    from thirdbody.trajectory.states import state_counts, states_by_group
+    from thirdbody.trajectory.states import informative_groups, state_counts, states_by_group
 
-    names = run.state_names
+    names, groups = run.state_names, states_by_group(run)
     counts = state_counts(run) if run.frames else {}
     rows = [
         {"frame": k, "time": float(run.times[k]), "distance": float(run.series["distance"][k]),
@@ -171,8 +149,8 @@ def _states_over_frames(run: RunFile, json: bool, cycles: float | None) -> None:
     counted = [name for name in run.reason_names if f"count_{name}" in run.series] if rows else []
     of_all = {name: count for name in counted if (count := int(run.series[f"count_{name}"][-1]))}
     if json:
-        groups = {f"{kind}s": rows_of_kind for kind, rows_of_kind in states_by_group(run).items()}
-        result = {"frames": rows, "reasons": last, "forecast": compare_forecast(run)} | groups
+        result: dict[str, Any] = {"frames": rows, "reasons": last, "forecast": compare_forecast(run)}
+        result |= {f"{kind}s": rows_of_kind for kind, rows_of_kind in groups.items()}
         print_json(result | ({"reasons_of_all": of_all} if of_all else {}) | ({"maps": maps} if maps else {}))
         return
     if not rows:
@@ -182,10 +160,19 @@ def _states_over_frames(run: RunFile, json: bool, cycles: float | None) -> None:
         print(f"{run.states.shape[1]} of {run.scene_bodies} bodies are in the file: groups and reasons are theirs, states over "
               "frames are those of all")  # fmt: skip
         print()
-    _print_groups(run, run.frames - 1)
-    headings = ["frame", "time", "distance", *names]
-    table("", headings, [[str(row["frame"]), pretty(row["time"], "time"), pretty(row["distance"], "length"),
-                          *(str(row[name]) for name in names)] for row in rows])  # fmt: skip
+    words = {"population": "by population", "material": "by material", "size": "by size (equivalent diameter)"}
+    for kind, group in informative_groups(groups):
+        load = "load_share" in group[0]
+        table(
+            f"states at frame {run.frames - 1} {words[kind]}",
+            ["", "bodies", *["load"] * load, *names],
+            [[row["name"], str(row["bodies"]), *([f"{100.0 * row['load_share']:.1f} %"] if load else []),
+              *(f"{100.0 * fraction:.0f} %" for fraction in row["fractions"].values())] for row in group],
+        )  # fmt: skip
+        print()
+    lines = [[str(row["frame"]), pretty(row["time"], "time"), pretty(row["distance"], "length"),
+              *(str(row[name]) for name in names)] for row in rows]  # fmt: skip
+    table("", ["frame", "time", "distance", *names], lines)
     for state, by_reason in last.items():
         print_line(f"{state}: " + ", ".join(f"{reason} {count}" for reason, count in by_reason.items()))
     if of_all:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
+from thirdbody.atomic_files import new_file
 from thirdbody.engine.snapshot import Snapshot
 from thirdbody.errors import Fault, InputError, OutputError
 from thirdbody.jit import cache
@@ -118,14 +119,14 @@ def _digest(arrays: list[np.ndarray]) -> str:
     return digest.hexdigest()[:16]
 
 
-def _digest_of(path: Path, size: float = math.inf) -> Any:
+def _digest_of(file: BinaryIO, size: float = math.inf) -> bytes:
     """Return the SHA-256 of the first `size` bytes of a file, read in slices: a checkpoint may be larger than free memory."""
     digest = hashlib.sha256()
-    with open(path, "rb") as file:
-        while piece := file.read(int(min(size, SLICE))):
-            digest.update(piece)
-            size -= len(piece)
-    return digest
+    file.seek(0)
+    while piece := file.read(int(min(size, SLICE))):
+        digest.update(piece)
+        size -= len(piece)
+    return digest.digest()
 
 
 def write_checkpoint(folder: Path, checkpoint: Checkpoint, named: Path | None = None) -> None:
@@ -137,20 +138,14 @@ def write_checkpoint(folder: Path, checkpoint: Checkpoint, named: Path | None = 
     arrays = checkpoint.snapshot.arrays | {"impulses": notes.pop("impulses")}
     arrays |= {f"{MEANS}{name}": array for name, array in notes.pop("means").items()}
     arrays[NOTES] = np.frombuffer(json.dumps(notes).encode(), np.uint8)
-    part = folder / f"{FILE}.part"
     try:
-        part.unlink(missing_ok=True)
-        with open(part, "xb") as file:  # a new file: never the target of a link
+        with new_file(folder / FILE) as file:
             _write_npz(file, arrays, checkpoint.snapshot.pieces)
-            file.flush()  # the checksum is taken from the file: sizes in it are known, and filled in, last
-            file.write(_digest_of(part).digest())
+            file.write(_digest_of(file))  # taken from the file: sizes in it are known, and filled in, last
             file.flush()
             os.fsync(file.fileno())
-        os.replace(part, folder / FILE)
         _sync(folder)
     except OSError as error:
-        with suppress(OSError):  # a read-only folder refuses that too
-            part.unlink(missing_ok=True)
         before = "the one before is kept" if (folder / FILE).exists() else "there is none before it"
         raise OutputError(f"{(named or folder) / FILE}: cannot be written ({error.strerror or error}); {before}") from error
 
@@ -163,25 +158,19 @@ def _write_npz(file: BinaryIO, arrays: Mapping[str, np.ndarray], pieces: Mapping
             header = {"descr": parts[0].dtype.str, "fortran_order": False, "shape": shape}
             with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
                 np.lib.format.write_array_header_2_0(entry, header)
-                for part in parts:
-                    for row in range(0, len(part), ROWS) if part.ndim else ():
+                for part in map(np.atleast_1d, parts):
+                    for row in range(0, len(part), ROWS):
                         entry.write(np.ascontiguousarray(part[row : row + ROWS]).tobytes())
-                    if not part.ndim:
-                        entry.write(part.tobytes())
 
 
 def _sync(folder: Path) -> None:
     """Make the new name survive a loss of power, where the system supports it."""
-    try:
+    with suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)
-    except OSError:  # a system that cannot open folders
-        return
-    try:
-        os.fsync(handle)
-    except OSError:
-        pass
-    finally:
-        os.close(handle)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
 
 
 def read_checkpoint(folder: Path) -> Checkpoint:
@@ -192,8 +181,7 @@ def read_checkpoint(folder: Path) -> Checkpoint:
     try:
         with open(path, "rb") as file:
             size = max(file.seek(0, os.SEEK_END) - DIGEST, 0)
-            file.seek(size)
-            whole = _digest_of(path, size).digest() == file.read()
+            whole = _digest_of(file, size) == file.read()
         if not whole:
             raise InputError(Fault("", "is damaged (its checksum is wrong); this run cannot go on", str(path)))
         with np.load(path) as archive:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from thirdbody.engine.candidates import AllRows
+from thirdbody.engine.guards import Ledger
 from thirdbody.engine.measures import body_amounts
 from thirdbody.engine.state import State, table
 from thirdbody.errors import InputError, nearest
@@ -20,7 +21,7 @@ from thirdbody.scene.model import Scene
 from thirdbody.trajectory.accommodation import accommodation, has_accommodation
 from thirdbody.trajectory.bed_measures import BedMeasures
 from thirdbody.trajectory.contacts import FrameContacts
-from thirdbody.trajectory.frame import ALL, ALWAYS, FrameMaker, Selection
+from thirdbody.trajectory.frame import FrameMaker, Selection
 from thirdbody.trajectory.names import LOWER_PLATE, UPPER_PLATE
 from thirdbody.trajectory.profiles import AXES, Profiler
 from thirdbody.trajectory.sampling import IntervalMeans, Sampler, body_velocities, sample_of
@@ -29,17 +30,26 @@ if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
 
 
-def interval_means(simulation: Simulation, profiler: Profiler | None = None) -> IntervalMeans | None:
-    """Return the means that the outputs of a run need, None where they need none. `profiler`: that of `profiler_of`."""
-    if not is_bed(simulation) or simulation.plan.kind != "explicit":
-        return None
-    state, drag = simulation.state, np.array([*simulation.integrator.drag, 0.0])
-    samplers: dict[str, Sampler] = {"velocity": body_velocities}
-    if has_accommodation(state, drag):
-        samplers["accommodation"] = partial(accommodation, drag)
-    if profiler:
-        samplers["profiles"] = profiler
-    return IntervalMeans(state, samplers, lambda: interval_length(simulation), lambda: _has_records(state))
+def frame_maker(simulation: Simulation, ledger: Ledger) -> FrameMaker:
+    """Return what makes the frames of a run, with its means over output intervals, the measures of its bed, its profiles."""
+    state, integrator, labeller = simulation.state, simulation.integrator, simulation.labeller
+    drag, profiler, bed, means = np.array([*integrator.drag, 0.0]), None, None, None
+    if (profiles := simulation.scene.output.profiles) is not None:
+        labels = (lambda: integrator.label()[:, 0]) if labeller else None
+        profiler = Profiler(profiles.bins, AXES.index(profiles.axis), labels, labeller.states if labeller else ())
+    if is_bed(simulation):
+        assert simulation.bed is not None  # debris meets below an upper plate
+        bed, samplers = BedMeasures(state, simulation.bed.modulus), dict[str, Sampler](velocity=body_velocities)
+        if has_accommodation(state, drag):
+            samplers["accommodation"] = partial(accommodation, drag)
+        if profiler:
+            samplers["profiles"] = profiler
+        if simulation.plan.kind == "explicit":
+            means = IntervalMeans(state, samplers, lambda: interval_length(simulation), lambda: _has_records(state))
+    maker = FrameMaker(state, ledger, labeller, integrator.drag, means, bed, profiler)
+    maker.scene_time = simulation.scene_time if simulation.speed_scale else None
+    select_output(simulation.scene, maker)
+    return maker
 
 
 def _has_records(state: State) -> bool:
@@ -52,34 +62,18 @@ def _has_records(state: State) -> bool:
     return False
 
 
-def profiler_of(simulation: Simulation) -> Profiler | None:
-    """Return the sampler of the profiles that a scene names, None where it names none."""
-    profiles, labeller, integrator = simulation.scene.output.profiles, simulation.labeller, simulation.integrator
-    if profiles is None:
-        return None
-    axis = AXES.index(profiles.axis)
-    if labeller is None:
-        return Profiler(profiles.bins, axis)
-    return Profiler(profiles.bins, axis, lambda: integrator.label()[:, 0], labeller.states)
-
-
-def selection_of(scene: Scene, maker: FrameMaker) -> Selection:
-    """Return what of a frame the scene has written, and have `maker` make no more of it.
-
-    Raises InputError for arrays that the bodies do not have.
-    """
+def select_output(scene: Scene, maker: FrameMaker) -> None:
+    """Have frames hold what the scene has written. Raises InputError for arrays that the bodies do not have."""
     output = scene.output
-    known = ["position", *maker.body_arrays()] if output.arrays is not None else []
-    unknown = [name for name in output.arrays or () if name not in known]
-    if unknown:
+    if output.arrays is not None:
+        known = ["position", *maker.body_arrays()]
         what = "the bodies of this run have no array"
-        raise InputError([scene.fault(("output", "arrays"), f"{what} '{name}'; {nearest(name, known)}") for name in unknown])
-    blocks = tuple(name for name in ALL if output.blocks is None or name in output.blocks)
-    arrays = None if output.arrays is None else tuple(output.arrays)
-    maker.blocks, maker.arrays = blocks, None if arrays is None else frozenset((*ALWAYS, *arrays))
+        unknown = [name for name in output.arrays if name not in known]
+        if unknown:
+            raise InputError([scene.fault(("output", "arrays"), f"{what} '{name}'; {nearest(name, known)}") for name in unknown])
+    maker.selection = Selection(output.blocks, output.arrays, output.precision == "float32", output.compress)
     if output.sample is not None and output.sample < maker.state.n_bodies:
         maker.follow(sample_of(output.sample, maker.state.n_bodies))
-    return Selection(blocks, arrays, output.precision == "float32", output.compress)
 
 
 def is_bed(simulation: Simulation) -> bool:
@@ -87,14 +81,6 @@ def is_bed(simulation: Simulation) -> bool:
     world = simulation.state.world
     searched = simulation.plan.kind == "explicit" or getattr(simulation.integrator, "meets", False)
     return world.debris_meets and world.lower is not None and world.upper is not None and searched
-
-
-def bed_measures(simulation: Simulation) -> BedMeasures | None:
-    """Return the measures of the bed of a run, None where it has none."""
-    if not is_bed(simulation):
-        return None
-    assert simulation.bed is not None  # debris meets below an upper plate
-    return BedMeasures(simulation.state, simulation.bed.modulus)
 
 
 def interval_length(simulation: Simulation) -> float:

@@ -18,10 +18,10 @@ from thirdbody.engine.neighbours import update_closest_points
 from thirdbody.errors import GuardStop, OutputError
 from thirdbody.kernels.minima import MOVED, MOVED_TOUCHING, update
 from thirdbody.kernels.tables import run_totals, sphere, surface_contact
-from thirdbody.runner.measurements import PeakPressure, selection_of
+from thirdbody.runner.measurements import PeakPressure, select_output
 from thirdbody.runner.simulate import run_header
 from thirdbody.runner.stops import planned_frames, settling_frames
-from thirdbody.trajectory.frame import CLUMPS, CONTACTS, SPHERES, FrameMaker, Selection
+from thirdbody.trajectory.frame import FrameMaker, Selection
 from thirdbody.trajectory.names import Frame
 from thirdbody.trajectory.open_file import FILE_NAME
 from thirdbody.trajectory.writer import TrajectoryWriter
@@ -55,7 +55,7 @@ class FrameCost(NamedTuple):
     """Wall time of a frame [s] (NaN if not measured), bytes of the file with one frame, and of every further frame."""
 
     seconds: float
-    first_bytes: int
+    first: int
     bytes: int
     failure: str = ""  # why the time could not be measured
 
@@ -70,24 +70,14 @@ def outlook(built: Simulation) -> dict[str, Any]:
         by_time = built.scene.output.every_kind == "time"
         frames = min(frames, 2 + math.ceil((built.planned_time - (0.0 if by_time else built.settle)) / built.state.dt))
     integration, each = expected_integration(built), frame_cost(built)
-    step_time, framing, disk = (
-        integration["estimated_step_time"],
-        frames * each.seconds,
-        each.first_bytes + (frames - 1) * each.bytes,
-    )
+    step_time, framing, disk = integration["estimated_step_time"], frames * each.seconds, each.first + (frames - 1) * each.bytes
     wall = step_time + (0.0 if each.failure else framing)
     warnings = list(run_warnings(built, wall, framing, disk, integration["trial_stopped"]))
     if each.failure:
         warnings.append(f"the time of frames is not in the estimate, a trial of some was not written: {each.failure}")
-    return {
-        "speed_scale": speed_report(built, wall, step_time),
-        "estimated_wall_time": wall,
-        **integration,
-        "estimated_frame_time": framing,
-        "frames": frames,
-        "disk": disk,
-        "warnings": warnings,
-    }
+    speed = speed_report(built, wall, step_time)
+    result = {"speed_scale": speed, "estimated_wall_time": wall, **integration, "estimated_frame_time": framing}
+    return result | {"frames": frames, "disk": disk, "warnings": warnings}
 
 
 def speed_report(built: Simulation, wall_time: float, step_time: float) -> dict[str, Any] | None:
@@ -148,37 +138,29 @@ def _wider(built: Simulation, times: float) -> str:
 
 def expected_integration(built: Simulation) -> dict[str, Any]:
     """Return the expected steps, their wall time and what limits them. The simulation is not at its start after the trial."""
-    integrator = built.integrator
-    if not integrator.divisible:
+    integrator, planned = built.integrator, dict[str, Any]()
+    if integrator.divisible:
+        integrator = cast("Explicit", integrator)
+        bound, steps = integrator.bound, built.planned_time / built.state.dt
+        assert bound is not None
+        limit = "the scene" if integrator.fixed is not None else bound.mechanism
+        step = {"step": built.state.dt, "limited_by": limit, "body": bound.body, "rayleigh": bound.rayleigh}
+        planned["time_step"] = step | {"stability_limit": bound.stability}
+        each, stopped = _seconds_per_step(integrator)
+        wall = steps * each + (_seconds_of_searches(built) if built.state.world.rough and not stopped else 0.0)
+        planned["steps"] = steps
+    else:
         integrator = cast("Implicit", integrator)
         wall, stopped = _trial_wall_time(built, integrator)
-        return {
-            "accuracy": vars(integrator.accuracy),
-            "common_steps": integrator.together,
-            "bodies_meet": integrator.meets,
-            "rayleigh": integrator.rayleigh,
-            "steps": None,
-            "estimated_step_time": wall,
-            "trial_stopped": stopped,
-        } | _expected(built, wall)
-    integrator = cast("Explicit", integrator)
-    bound, dt = integrator.bound, built.state.dt
-    assert bound is not None
-    steps = built.planned_time / dt
-    each, stopped = _seconds_per_step(integrator)
-    wall = steps * each + (_seconds_of_searches(built) if built.state.world.rough and not stopped else 0.0)
-    return {
-        "time_step": {
-            "step": dt,
-            "limited_by": "the scene" if integrator.fixed is not None else bound.mechanism,
-            "body": bound.body,
-            "rayleigh": bound.rayleigh,
-            "stability_limit": bound.stability,
-        },
-        "steps": steps,
-        "estimated_step_time": wall,
-        "trial_stopped": stopped,
-    } | _expected(built, wall)
+        planned = {"accuracy": vars(integrator.accuracy), "common_steps": integrator.together, "bodies_meet": integrator.meets}
+        planned |= {"rayleigh": integrator.rayleigh, "steps": None}
+    # the islands of debris that may meet, and the steps of both integrators; None where they are not known
+    islands, both, times = built.plan.islands, built.plan.steps, None
+    if both is not None and not math.isnan(wall):
+        explicit, implicit = (wall, wall / both.gain) if integrator.divisible else (both.gain * wall, wall)
+        times = {"explicit": explicit, "implicit": implicit}
+    meeting = islands._asdict() if islands is not None and built.state.world.debris_meets else None
+    return planned | {"estimated_step_time": wall, "trial_stopped": stopped, "islands": meeting, "expected_times": times}
 
 
 def _seconds_per_step(integrator: Explicit) -> tuple[float, str]:
@@ -270,34 +252,22 @@ def _with_drag(built: Simulation, integrator: Implicit, bodies: int, started: fl
     return elapsed + rate * (total - reached)
 
 
-def _expected(built: Simulation, measured: float) -> dict[str, dict[str, Any] | None]:
-    """Return the `islands` expected of debris that may meet, and wall times of all steps with both integrators [s].
-
-    None where they are not known. `measured`: wall time of the chosen integrator, from a trial (NaN: unknown).
-    """
-    islands, steps, times = built.plan.islands, built.plan.steps, None
-    if steps is not None and not math.isnan(measured):
-        scale = steps.gain if built.plan.kind == "implicit" else 1.0 / steps.gain
-        times = {built.plan.kind: measured, "explicit" if built.plan.kind == "implicit" else "implicit": scale * measured}
-    meeting = islands._asdict() if islands is not None and built.state.world.debris_meets else None
-    return {"islands": meeting, "expected_times": times}
-
-
 def frame_cost(built: Simulation) -> FrameCost:
     """Measure the cost of frames of a simulation after a trial, in a temporary folder."""
     integrator = built.integrator
     maker = FrameMaker(integrator.state, Ledger(integrator.state), built.labeller, integrator.drag)
-    selection, maker.watch = selection_of(built.scene, maker), PeakPressure(built).update
+    select_output(built.scene, maker)
+    maker.watch = PeakPressure(built).update
 
     def frame() -> Frame:
         return maker.frame(integrator.label() if built.labeller else None)
 
     first_frame = frame()
-    size = frame_bytes(first_frame, selection)
+    size = frame_bytes(first_frame, maker.selection)
     try:
         with tempfile.TemporaryDirectory(prefix="thirdbody") as folder:
-            path, static = Path(folder) / FILE_NAME, selection.static(maker)
-            with TrajectoryWriter(path, run_header(built), static, surfaces=built.surfaces, selection=selection) as writer:
+            path, static = Path(folder) / FILE_NAME, maker.static()
+            with TrajectoryWriter(path, run_header(built), static, surfaces=built.surfaces, selection=maker.selection) as writer:
                 writer.append(first_frame)
                 first, started, number = path.stat().st_size, time.perf_counter(), 0
                 while number < LARGEST_NUMBER and time.perf_counter() - started < FRAME_SECONDS:
@@ -313,8 +283,8 @@ def frame_bytes(frame: Frame, selection: Selection) -> int:
     written; before compression.
     """
     bodies, size = len(frame.clumps["points"]), 0
-    contacts = CONTACTS_PER_BODY * bodies if CONTACTS in selection.blocks else 0
-    for block, count in ((SPHERES, len(frame.spheres["points"])), (CLUMPS, bodies), (CONTACTS, contacts)):
+    contacts = CONTACTS_PER_BODY * bodies if selection.has("contacts") else 0
+    for block, count in (("spheres", len(frame.spheres["points"])), ("clumps", bodies), ("contacts", contacts)):
         storage = selection.storage(block)
         for name, values in frame.block(block).items():
             single = values.dtype.kind == "f" and (storage.single_points if name == "points" else storage.single)

@@ -43,23 +43,17 @@ Reporter = Callable[[Progress], None]
 
 @contextmanager
 def reporting(progress: bool | Reporter, title: str, first: Iterable[str] = ()) -> Iterator[Reporter | None]:
-    """Yield the reporter that `progress` asks for: one on standard error (True), none (False), or itself."""
-    if progress is True:
-        with reporter_for_terminal(title, first) as report:
-            yield report
-    else:
-        yield progress or None
+    """Yield the reporter that `progress` asks for: one on standard error (True), none (False), or itself.
 
-
-@contextmanager
-def reporter_for_terminal(title: str, first: Iterable[str] = ()) -> Iterator[Reporter]:
-    """Yield a reporter that draws on standard error while that can be written to. `first`: lines that are printed before."""
+    The first one draws while standard error can be written to, after the lines `first`.
+    """
+    if progress is not True or sys.stderr is None:  # the program was started without one; print would take standard output
+        yield None if isinstance(progress, bool) else progress
+        return
     with suppress(OSError):  # a closed or full stream ends no run
-        for line in first if sys.stderr is not None else ():
+        for line in first:
             print_line(line, err=True)
-    if sys.stderr is None:  # the program was started without one; print would take standard output
-        yield lambda _: None
-    elif sys.stderr.isatty():
+    if sys.stderr.isatty():
         with _bar(title) as report:
             yield until_closed(report)
     else:
@@ -96,18 +90,13 @@ def headline(progress: Progress) -> str:
 def _bar(title: str) -> Iterator[Reporter]:
     from rich.progress import BarColumn, TaskProgressColumn, TextColumn
 
-    columns = (
-        BarColumn(),
-        TaskProgressColumn(),
-        TextColumn("{task.fields[left]}"),
-        TextColumn("{task.fields[line]}", markup=False),
-    )
-    with progress_bar(title[:40], 1.0, *columns) as update:
+    left, line = TextColumn("{task.fields[left]}"), TextColumn("{task.fields[line]}", markup=False)
+    with progress_bar(title[:40], 1.0, BarColumn(), TaskProgressColumn(), left, line) as update:
 
         def report(progress: Progress) -> None:
             seconds = progress.remaining
-            left = "-:--:--" if math.isnan(seconds) else str(timedelta(seconds=round(seconds)))
-            update(completed=progress.fraction, left=left, line=printable(headline(progress)))
+            clock = "-:--:--" if math.isnan(seconds) else str(timedelta(seconds=round(seconds)))
+            update(completed=progress.fraction, left=clock, line=printable(headline(progress)))
 
         yield report
 

@@ -126,36 +126,30 @@ def new_run_folder(path: Path, overwrite: bool) -> Iterator[RunFolder]:
     being written.
     """
     refuse_existing(path, overwrite)
-    above = [folder for folder in path.absolute().parents if not os.path.exists(folder)]
-    new = not path.exists()
+    new = [folder for folder in (path, *path.absolute().parents) if not os.path.exists(folder)]
     try:
         if new:
             _make_folder(path)
-        with lock_folder(path), _files_of_new_run(path) as files:
-            yield files
+        with lock_folder(path):
+            _remove_leftovers(path)
+            replaced = any((path / name).exists() for name in FILES)
+            files = RunFolder(path, path / REPLACEMENT if replaced else path, usable=False)
+            if replaced:
+                _make_folder(files.work_folder)
+            try:
+                yield files
+            except OutputError as error:
+                if replaced and not files.usable:
+                    raise OutputError(f"{error.message}; the run that is there stays as it is") from error
+                raise
+            finally:
+                if not files.usable and files.is_there():
+                    _remove(files.work_folder, (*FILES, *_parts(files.work_folder)))
+                    _remove_leftovers(path)
     finally:
-        for folder in [path, *above] if new else ():  # from the innermost outwards; one that is not empty stays
+        for folder in new:  # from the innermost outwards; one that is not empty stays
             with suppress(OSError):
                 folder.rmdir()
-
-
-@contextmanager
-def _files_of_new_run(path: Path) -> Iterator[RunFolder]:
-    _remove_leftovers(path)
-    replaced = any((path / name).exists() for name in FILES)
-    files = RunFolder(path, path / REPLACEMENT if replaced else path, usable=False)
-    if replaced:
-        _make_folder(files.work_folder)
-    try:
-        yield files
-    except OutputError as error:
-        if replaced and not files.usable:
-            raise OutputError(f"{error.message}; the run that is there stays as it is") from error
-        raise
-    finally:
-        if not files.usable and files.is_there():
-            _remove(files.work_folder, (*FILES, *_parts(files.work_folder)))
-            _remove_leftovers(path)
 
 
 def _make_folder(folder: Path) -> None:

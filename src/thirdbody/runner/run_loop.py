@@ -18,12 +18,12 @@ from thirdbody.engine.snapshot import check, restore, snapshot
 from thirdbody.errors import InputError, Interrupted, OutputError
 from thirdbody.runner.checkpoint import FILE as CHECKPOINT
 from thirdbody.runner.checkpoint import THE_VERSION, Checkpoint, prints_of, write_checkpoint
-from thirdbody.runner.measurements import PeakPressure, bed_measures, interval_means, profiler_of, selection_of
+from thirdbody.runner.measurements import PeakPressure, frame_maker
 from thirdbody.runner.progress import Progress, Reporter
 from thirdbody.runner.run_folder import RunFolder
 from thirdbody.runner.stops import Settling, targets
 from thirdbody.system.processes import keep_freed_memory
-from thirdbody.trajectory.frame import FrameMaker, impulses_of
+from thirdbody.trajectory.frame import impulses_of
 from thirdbody.trajectory.writer import TrajectoryWriter
 
 if TYPE_CHECKING:
@@ -69,13 +69,8 @@ class RunLoop:
         self.settling = Settling(simulation, self._begin_drag)
         self.energy_guard = EnergyGuard(self.ledger, 2 if simulation.integrator.divisible else 1)
         self.pressure = PeakPressure(simulation)
-        profiler = profiler_of(simulation)
-        self.means = interval_means(simulation, profiler)
-        drag, bed = simulation.integrator.drag, bed_measures(simulation)
-        self.maker = FrameMaker(simulation.state, self.ledger, simulation.labeller, drag, self.means, bed, profiler)
-        self.selection = selection_of(simulation.scene, self.maker)
-        self.maker.watch = self.pressure.update
-        self.maker.scene_time = simulation.scene_time if simulation.speed_scale else None
+        self.maker = frame_maker(simulation, self.ledger)
+        self.maker.watch, self.means = self.pressure.update, self.maker.means
         self.text, self.prints = simulation.requested.to_toml(), prints_of(simulation)
 
     def restore(self, checkpoint: Checkpoint) -> None:

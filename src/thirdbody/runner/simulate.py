@@ -6,8 +6,8 @@ import os
 import platform
 import threading
 import warnings
-from collections.abc import Callable, Collection, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Collection, Iterable
+from contextlib import suppress
 from dataclasses import asdict
 from numbers import Integral
 from pathlib import Path
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from thirdbody.atomic_files import write_whole
-from thirdbody.engine.units import EXPLICIT, report_compilation, start_compiling, warm_up
+from thirdbody.engine.units import BATCH, EXPLICIT, report_compilation, start_compiling, warm_up
 from thirdbody.errors import GuardStop, Interrupted, OutputError, ThirdbodyWarning, UsageError
 from thirdbody.export.paraview import write_paraview_files
 from thirdbody.jit.cache import paused
@@ -38,9 +38,6 @@ from thirdbody.version import __version__
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
-
-MANY = 512
-"""Bodies above which a run is most likely an ensemble (`engine.implicit_ensemble`)."""
 
 _preparing = threading.Lock()
 """Lock: one thread at a time compiles, since settings of compilation are process-wide (`engine.units`)."""
@@ -72,7 +69,7 @@ def likely_units(scene: Scene) -> tuple[str, ...]:
         return EXPLICIT
     if scene.contact.debris_contact == "auto" and any(hasattr(debris, "placement") for debris in scene.debris):
         return "driver", "pairs", "search", "books", "labels"
-    many = sum(getattr(debris, "count", None) or 1 for debris in scene.debris) > MANY
+    many = sum(getattr(debris, "count", None) or 1 for debris in scene.debris) > BATCH
     return ("driver", "ensemble", "search", "books", "labels") if many else ("driver", "search", "books", "labels")
 
 
@@ -160,57 +157,50 @@ def execute(
             if report is not None:
                 report(progress)
 
-        return _execute(simulation, RunLoop(simulation, files, both, stop, times or WallTimes()), checkpoint)
-
-
-def _execute(simulation: Simulation, loop: RunLoop, checkpoint: Checkpoint | None) -> dict[str, Any]:
-    files = loop.files
-    problem: GuardStop | Interrupted | None = None
-    if checkpoint is not None:
-        loop.restore(checkpoint)
-    with _opened(files, run_header(simulation), loop, checkpoint) as writer:
-        try:
-            loop.integrate(writer)
-        except (GuardStop, Interrupted) as error:
-            problem = error
-        summary = _summary(simulation, loop, writer.frames, problem)
-        writer.finish(summary)
-    with suppress(OSError), RunFile(files.work_folder / FILE_NAME) as run:
-        files.log("finished" if problem is None else f"stopped: {problem.message}")
-        for text in run.warnings:
-            if text not in simulation.warnings:
-                files.log(f"warning: {text}")
-    if problem is not None:
-        raise problem
-    return summary
-
-
-@contextmanager
-def _opened(files: RunFolder, header: dict[str, Any], loop: RunLoop, checkpoint: Checkpoint | None) -> Iterator[TrajectoryWriter]:
-    with _writer(files, header, loop, checkpoint) as writer:
-        try:
-            write_whole(files.work_folder / SCENE_FILE, header["scene_text"].encode())
-            write_paraview_files(files.work_folder / FILE_NAME, header["state_names"])
-            what = "begins" if checkpoint is None else f"goes on after {checkpoint.frames} frames"
-            files.log(f"thirdbody {header['versions']['thirdbody']}: {header['title'] or 'the run'} {what}")
-            for text in loop.simulation.warnings:
-                files.log(f"warning: {text}")
-        except OSError as error:
-            raise OutputError(f"{files.path}: cannot be written ({error.strerror or error})") from error
-        yield writer
+        loop, header = RunLoop(simulation, files, both, stop, times or WallTimes()), run_header(simulation)
+        problem: GuardStop | Interrupted | None = None
+        if checkpoint is not None:
+            loop.restore(checkpoint)
+        with _writer(files, header, loop, checkpoint) as writer:
+            _write_other_files(files, header, checkpoint)
+            try:
+                loop.integrate(writer)
+            except (GuardStop, Interrupted) as error:
+                problem = error
+            summary = _summary(simulation, loop, writer.frames, problem)
+            writer.finish(summary)
+        with suppress(OSError), RunFile(files.work_folder / FILE_NAME) as run:
+            files.log("finished" if problem is None else f"stopped: {problem.message}")
+            for text in run.warnings:
+                if text not in simulation.warnings:
+                    files.log(f"warning: {text}")
+        if problem is not None:
+            raise problem
+        return summary
 
 
 def _writer(files: RunFolder, header: dict[str, Any], loop: RunLoop, checkpoint: Checkpoint | None) -> TrajectoryWriter:
-    path = files.path / FILE_NAME
+    path, selection = files.path / FILE_NAME, loop.maker.selection
     if checkpoint is None or not checkpoint.frames:
-        surfaces = loop.simulation.surfaces
-        static = loop.selection.static(loop.maker)
-        return TrajectoryWriter(files.work_folder / FILE_NAME, header, static, (path, 0), surfaces, loop.selection)
+        static, surfaces = loop.maker.static(), loop.simulation.surfaces
+        return TrajectoryWriter(files.work_folder / FILE_NAME, header, static, (path, 0), surfaces, selection)
     with RunFile(path) as before:
         # warnings of an earlier part still hold for it
         report = [text for text in before.header.get("warnings", []) if text not in header["warnings"]]
     header = header | {"warnings": [*report, *header["warnings"]]}
-    return TrajectoryWriter.resume(path, checkpoint.frames, header, loop.stop_before_going_on, loop.selection)
+    return TrajectoryWriter.resume(path, checkpoint.frames, header, loop.stop_before_going_on, selection)
+
+
+def _write_other_files(files: RunFolder, header: dict[str, Any], checkpoint: Checkpoint | None) -> None:
+    try:
+        write_whole(files.work_folder / SCENE_FILE, header["scene_text"].encode())
+        write_paraview_files(files.work_folder / FILE_NAME, header["state_names"])
+        what = "begins" if checkpoint is None else f"goes on after {checkpoint.frames} frames"
+        files.log(f"thirdbody {header['versions']['thirdbody']}: {header['title'] or 'the run'} {what}")
+        for text in header["warnings"]:
+            files.log(f"warning: {text}")
+    except OSError as error:
+        raise OutputError(f"{files.path}: cannot be written ({error.strerror or error})") from error
 
 
 def run_header(simulation: Simulation) -> dict[str, Any]:

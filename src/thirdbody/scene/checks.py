@@ -14,7 +14,7 @@ from thirdbody.debris.contract import DebrisKind
 from thirdbody.errors import nearest
 from thirdbody.scene.output import Output
 from thirdbody.scene.surfaces import SIDES, faults_in_domain
-from thirdbody.scene.tables import Domain, Material, Pair, Plates, Solver
+from thirdbody.scene.tables import Domain, Material, PairTable, Plates, Solver
 from thirdbody.schema.fields import show
 from thirdbody.schema.parts import Location, Wrong, entry
 from thirdbody.units import pretty
@@ -187,7 +187,7 @@ ROUGH = 2.0
 """Friction coefficient that clean solids in air rarely exceed."""
 
 
-def unusual_values(materials: Mapping[str, Material], pairs: Sequence[Pair]) -> Iterator[str]:
+def unusual_values(materials: Mapping[str, Material], pairs: Sequence[PairTable]) -> Iterator[str]:
     """Yield a warning for each unusual modulus, density and friction coefficient, with the unit probably intended."""
     for name, material in materials.items():
         key = "youngs_modulus" if material.youngs_modulus is not None else "shear_modulus"

@@ -25,22 +25,22 @@ from thirdbody.debris.mesh import Mesh
 from thirdbody.debris.registry import Debris, DebrisKinds, kinds_of
 from thirdbody.debris.spheres import Ball, Spheres
 from thirdbody.debris.spots import Spot, Spots
-from thirdbody.errors import Fault, InputError, OutputError
+from thirdbody.errors import Fault, OutputError
 from thirdbody.scene.checks import faults_between, number_faults, raw_faults
 from thirdbody.scene.motion import Constant as ConstantVelocity
 from thirdbody.scene.motion import Motion, Pause, Ramp, Stroke, Table
 from thirdbody.scene.output import Output
 from thirdbody.scene.settings import apply_settings
-from thirdbody.scene.tables import Contact, Domain, Effects, LowerPlate, Material, Measures, Pair, Plates, Solver, UpperPlate
+from thirdbody.scene.tables import Contact, Domain, Effects, LowerPlate, Material, Measures, PairTable, Plates, Solver, UpperPlate
 from thirdbody.schema.fields import Text, Whole, listing, plain
-from thirdbody.schema.parts import MISSING, Location, Part, Wrong, bundle, wrongs_of
-from thirdbody.schema.read import Source, read_text, read_toml
+from thirdbody.schema.parts import Location, Part, Wrong, bundle
+from thirdbody.schema.read import Source, checked, read_text, read_toml, with_version
 from thirdbody.schema.sizes import Constant, Lognormal, Normal, Uniform
 from thirdbody.schema.write import toml_text
 
 __all__ = [
     "Ball", "Constant", "ConstantVelocity", "Contact", "Debris", "Domain", "Effects", "File", "Irregular", "Lognormal",
-    "LowerPlate", "Material", "Measures", "Mesh", "Motion", "Normal", "Output", "Pair", "Pause", "Plates", "Ramp", "Scene",
+    "LowerPlate", "Material", "Measures", "Mesh", "Motion", "Normal", "Output", "PairTable", "Pause", "Plates", "Ramp", "Scene",
     "Solver", "Spheres", "Spot", "Spots", "Stroke", "Table", "Uniform", "UpperPlate",
 ]  # fmt: skip
 
@@ -48,7 +48,7 @@ VERSION = 1
 
 _TABLES: dict[str, type[Part]] = {
     "solver": Solver, "output": Output, "contact": Contact, "effects": Effects, "measures": Measures, "domain": Domain,
-    "pairs.0": Pair, "plates.upper": UpperPlate,
+    "pairs.0": PairTable, "plates.upper": UpperPlate,
 }  # fmt: skip
 """Tables whose keys are suggested with their full path when given without it."""
 
@@ -75,7 +75,7 @@ class Scene(Part):
     title: Text = ""
     """Title of the run in tables and pictures. Example: "a dense bed of steel debris"."""
     materials: dict[str, Material]
-    pairs: Annotated[tuple[Pair, ...], listing("a list of tables [[pairs]]")] = ()
+    pairs: Annotated[tuple[PairTable, ...], listing("a list of tables [[pairs]]")] = ()
     debris: Annotated[tuple[Debris, ...], listing("a list of tables [[debris]]")]
     domain: Domain
     plates: Plates = Plates()
@@ -164,22 +164,13 @@ class Scene(Part):
         """
         document, source = read_toml(text, name)
         source = source if folder is None else replace(source, folder=os.fspath(folder))
-        faults: list[Wrong] = []
-        if "scene" not in document:
-            document["scene"] = VERSION  # continue, so that the other faults are reported too
-            faults.append((("scene",), f"{MISSING}: write scene = {VERSION}"))
-        return cls._checked(document, source, faults, DebrisKinds(tuple(plugins)))
+        return cls._checked(document, source, with_version(document, "scene", VERSION), DebrisKinds(tuple(plugins)))
 
     @classmethod
     def _checked(
         cls, document: dict[str, Any], source: Source, faults: list[Wrong], kinds: DebrisKinds, file: bool = True
     ) -> Scene:
-        try:
-            scene = cls.model_validate(document, context={"file": file, "kinds": kinds})
-        except ValidationError as error:
-            faults = faults + wrongs_of(error)
-        if faults:
-            raise InputError(source.in_order(faults))
+        scene = checked(cls, document, source, faults, {"file": file, "kinds": kinds})
         scene._source, scene._kinds = source, kinds
         return scene
 
@@ -247,7 +238,7 @@ class Scene(Part):
             names.append(name)
         return names
 
-    def pair(self, first: str, second: str) -> Pair:
+    def pair(self, first: str, second: str) -> PairTable:
         """Return the pair of two materials, in either order.
 
         Parameters
@@ -257,7 +248,7 @@ class Scene(Part):
 
         Returns
         -------
-        Pair
+        PairTable
 
         Raises
         ------

@@ -3,6 +3,7 @@
 from typing import Annotated, Any, ClassVar, Literal
 
 from thirdbody.scene.motion import Loading, Motion
+from thirdbody.scene.solid import Solid
 from thirdbody.scene.surfaces import Surface
 from thirdbody.schema.fields import (
     THREE,
@@ -23,15 +24,9 @@ from thirdbody.schema.fields import (
 from thirdbody.schema.parts import MISSING, Part, Wrong, entry, one_of
 
 
-class Material(Part):
+class Material(Solid):
     """An isotropic elastic solid; pressures [Pa], density [kg/m3]."""
 
-    youngs_modulus: PositivePressure | None = None
-    """Young's modulus; give it or `shear_modulus`. Example: "210 GPa"."""
-    shear_modulus: PositivePressure | None = None
-    """Shear modulus; give it or `youngs_modulus`. Example: "80 GPa"."""
-    poisson_ratio: Annotated[float, Quantity(gt=-1, le=0.5)]
-    """Poisson's ratio. Example: 0.3."""
     density: Annotated[float, Quantity(dimension="density", gt=0)]
     """Density. Example: "7850 kg/m3"."""
     yield_strength: PositivePressure | None = None
@@ -42,25 +37,8 @@ class Material(Part):
     heat_capacity: Annotated[float, Quantity(dimension="heat_capacity", gt=0)] | None = None
     """Specific heat capacity, for measures of heat. Example: "460 J/kg/K"."""
 
-    @classmethod
-    def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
-        return one_of(raw, ("youngs_modulus", "shear_modulus"))
 
-    def young(self) -> float:
-        """Return Young's modulus E = 2 G (1 + nu) [Pa]."""
-        if self.youngs_modulus is not None:
-            return self.youngs_modulus
-        assert self.shear_modulus is not None  # `rules`: one of the two is given
-        return 2.0 * self.shear_modulus * (1.0 + self.poisson_ratio)
-
-    def shear(self) -> float:
-        """Return the shear modulus G = E / (2 (1 + nu)) [Pa]."""
-        if self.shear_modulus is not None:
-            return self.shear_modulus
-        return self.young() / (2.0 * (1.0 + self.poisson_ratio))
-
-
-class Pair(Part):
+class PairTable(Part):
     """Contact parameters of two materials, or of one with itself; there is no mixing rule."""
 
     between: Annotated[tuple[Text, Text], listing("a list of 2 materials", 2)]
@@ -245,7 +223,7 @@ OBSOLETE = {
 class Solver(Part):
     """Integrator, time step and length of a run. Distance and duration count after settling.
 
-    The keys named in IMPLICIT_KEYS (`largest_step`: distance of the drag [m]) are documented in `engine.implicit`.
+    The keys named in IMPLICIT_KEYS (`largest_step`: distance of the drag [m]) are documented in `engine.accuracy`.
     """
 
     integrator: Literal["auto", "explicit", "implicit"] = "auto"

@@ -7,7 +7,7 @@ import numbers
 import operator
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any
 
 from pydantic import BeforeValidator, StrictBool, ValidationInfo
 from pydantic_core import core_schema
@@ -202,16 +202,6 @@ class Whole(Range):
 
     def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> Schema:
         return {"type": "integer"} | self.limits()
-
-
-@dataclass(frozen=True)
-class Choice:
-    """One of the names in the field's Literal."""
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
-        names = get_args(source)
-        chosen = core_schema.literal_schema(list(names))
-        return core_schema.no_info_before_validator_function(lambda value: choose(value, names), chosen)
 
 
 @dataclass(frozen=True, eq=False)

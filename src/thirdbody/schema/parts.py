@@ -43,17 +43,7 @@ def bundle(faults: Iterable[Wrong]) -> ValidationError:
 
 
 def wrongs_of(error: ValidationError) -> list[Wrong]:
-    """Return place and plain text of every error.
-
-    Parameters
-    ----------
-    error : pydantic.ValidationError
-        What a table raised.
-
-    Returns
-    -------
-    list of Wrong
-    """
+    """Return place and plain text of every error."""
     result = []
     for entry in error.errors(include_url=False):
         text = MISSING if entry["type"] == "missing" else entry["msg"].removeprefix("Value error, ")

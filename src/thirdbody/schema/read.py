@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import os
 import re
-import stat
 import tomllib
 from bisect import bisect_right
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
+
+from pydantic import ValidationError
 
 from thirdbody.errors import SETTINGS, Fault, InputError
-from thirdbody.schema.parts import Location, Wrong, key_path
+from thirdbody.input_files import read_bytes
+from thirdbody.schema.parts import MISSING, Location, Part, Wrong, key_path, wrongs_of
+
+Checked = TypeVar("Checked", bound=Part)
 
 MAX_BYTES = 4_000_000
 """Bytes of the largest scene file: larger tables of bodies belong in files of their own."""
@@ -53,73 +57,21 @@ class Source:
 
 
 def read_text(path: str | os.PathLike[str]) -> str:
-    """Return the text of a file.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-
-    Returns
-    -------
-    str
-
-    Raises
-    ------
-    InputError
-        With the reason why it cannot be read.
-    """
-    name = os.fspath(path)
-    reason = ""
-    try:
-        info = os.stat(path)
-        if stat.S_ISDIR(info.st_mode):
-            reason = "is a folder, expected a scene file"
-        elif not stat.S_ISREG(info.st_mode):  # a pipe without a writer would block forever
-            reason = "is a device, expected a scene file"
-        elif info.st_size > MAX_BYTES:
-            reason = f"has {info.st_size / 1e6:.1f} MB; a scene has at most {MAX_BYTES / 1e6:.0f} MB"
-        else:
-            with open(path, "rb") as file:
-                data = file.read()
-    except FileNotFoundError:
-        reason = "no such file"
-    except (OSError, ValueError) as error:  # ValueError: a null byte in the name
-        reason = f"cannot be read: {getattr(error, 'strerror', error)}"
-    if reason:
-        raise InputError(Fault("", reason, name))
+    """Return the text of a file. Raises InputError with the reason why it cannot be read."""
+    data = read_bytes(path, what="scene file", largest=MAX_BYTES)
     try:
         return data.decode("utf-8-sig")  # some editors write a byte order mark
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         column = len(data[: error.start].rpartition(b"\n")[2].decode("utf-8", "replace")) + 1
-        raise InputError(Fault("", "is not UTF-8 text: save it as UTF-8", name, line, column)) from None
+        raise InputError(Fault("", "is not UTF-8 text: save it as UTF-8", os.fspath(path), line, column)) from None
 
 
 _WHERE = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
 
 
 def read_toml(text: str, name: str) -> tuple[dict[str, Any], Source]:
-    """Return the raw tables of a TOML text, and where each key is.
-
-    Parameters
-    ----------
-    text : str
-        The content of a file.
-    name : str
-        Its name in messages.
-
-    Returns
-    -------
-    tables : dict
-    source : Source
-        Gives faults their line and column.
-
-    Raises
-    ------
-    InputError
-        The text is not TOML.
-    """
+    """Return the raw tables of a TOML text, and where each key is. Raises InputError. `name` is that of the file in messages."""
     try:
         return tomllib.loads(text), Source(name, locate(text))
     except RecursionError:
@@ -129,6 +81,52 @@ def read_toml(text: str, name: str) -> tuple[dict[str, Any], Source]:
         lines = text.rstrip().split("\n")
         line, column = (int(match[1]), int(match[2])) if match and match[1] else (len(lines), len(lines[-1]) + 1)
         raise InputError(Fault("", f"not valid TOML: {_WHERE.sub('', str(error))}", name, line, column)) from None
+
+
+def with_version(document: dict[str, Any], key: str, version: int) -> list[Wrong]:
+    """Return a fault for a document without its version, which it gets, so that its other faults are reported too."""
+    if key in document:
+        return []
+    document[key] = version
+    return [((key,), f"{MISSING}: write {key} = {version}")]
+
+
+def checked(part: type[Checked], document: dict[str, Any], source: Source, faults: list[Wrong], context: Any) -> Checked:
+    """Return the checked table. Raises InputError with the faults given and those of the document, in its order."""
+    try:
+        result = part.model_validate(document, context=context)
+    except ValidationError as error:
+        faults = faults + wrongs_of(error)
+    if faults:
+        raise InputError(source.in_order(faults))
+    return result
+
+
+def read_part(part: type[Checked], path: str | os.PathLike[str], key: str, version: int) -> Checked:
+    """Return the table that a TOML file is.
+
+    Parameters
+    ----------
+    part : type
+        A class derived from `Part`.
+    path : str or Path
+        The file.
+    key : str
+        Key of its version.
+    version : int
+        The version to write where it is missing.
+
+    Returns
+    -------
+    Part
+
+    Raises
+    ------
+    InputError
+        With every fault, each with file, line and column.
+    """
+    document, source = read_toml(read_text(path), os.fspath(path))
+    return checked(part, document, source, with_version(document, key, version), {"file": True})
 
 
 _VOID = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")

@@ -131,11 +131,6 @@ class QuasiStatic:
         # drag of the last step, and change of the coordinates in it
         self._dragged, self._gained = np.zeros(2), np.zeros(self.rows.shape[2])
 
-    def history_column(self, name: str) -> Array:
-        """Return the history variable "law.name" (n,) at the last equilibrium; zeros if no law has it."""
-        names = self.contacts.chain.history
-        return self.memory[:, names.index(name)] if name in names else np.zeros(len(self.memory))
-
     def relieved(self, overlap: Array) -> Array:
         """Return the overlaps (n,) [m] that the laws see: what other spots lower the plate is taken off."""
         return overlap if self.bending is None else self.bending.relieved(overlap)

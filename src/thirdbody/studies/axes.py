@@ -3,40 +3,32 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
 from itertools import product
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 from pydantic import ValidationError, create_model
 
 from thirdbody import units
-from thirdbody.schema.fields import Choice, Count, as_float, show
-from thirdbody.schema.parts import Location, Part, wrongs_of
+from thirdbody.schema.fields import Count, as_float, show
+from thirdbody.schema.parts import Location, Part, Wrong, wrongs_of
 from thirdbody.units import DIMENSIONS
 
 _FIELDS: dict[str, Any] = {
     "from": (Any, ...),
     "to": (Any, ...),
     "count": (Count | None, None),
-    "scale": (Annotated[Literal["linear", "log", "whole"], Choice()], "linear"),
+    "scale": (Literal["linear", "log", "whole"], "linear"),
 }
+# Table `{from, to, count, scale}` of a key; `from` is no name in Python, hence the call.
 IntervalTable: Any = create_model("IntervalTable", __base__=Part, **_FIELDS)
-"""Table `{from, to, count, scale}` of a key; `from` is no name in Python, hence the call."""
-
-SAMPLED = ("sobol", "latin_hypercube")
-"""Designs of low-discrepancy or stratified samples of the space of the axes."""
-
-MAX_POINTS = 1_000_000
-"""Largest number of points of a sweep: each is a file at least."""
-
-Settings = dict[str, Any]
-"""Values by key, as `Scene.with_settings` takes them."""
-
-Report = Callable[[Location, str], None]
-"""Takes a fault: its place and its text."""
+SAMPLED = ("sobol", "latin_hypercube")  # designs of low-discrepancy or stratified samples of the space of the axes
+MAX_POINTS = 1_000_000  # largest number of points of a sweep: each is a file at least
+Settings = dict[str, Any]  # values by key, as `Scene.with_settings` takes them
+Report = Callable[[Location, str], None]  # takes a fault: its place and its text
 
 
 @dataclass(frozen=True)
@@ -104,8 +96,7 @@ class Column:
         return self.values[int(fraction * len(self.values))]
 
 
-Axis = tuple[Column, ...]
-"""Keys that move together: one dimension of the design."""
+Axis = tuple[Column, ...]  # keys that move together: one dimension of the design
 
 
 def read_column(key: str, given: Any, location: Location, report: Report, sampled: bool) -> Column:
@@ -113,14 +104,13 @@ def read_column(key: str, given: Any, location: Location, report: Report, sample
     if hasattr(given, "tolist"):
         given = given.tolist()
     if isinstance(given, Mapping):
-        interval = _read_interval(given, location, report, sampled)
-        return Column(key, interval if interval is not None else (), location)
-    if isinstance(given, list | tuple):
-        if not given:
-            report(location, "expected at least one value")
-        return Column(key, tuple(given), location)
-    report(location, f"expected a list of values or a table {{from, to, count}}, got {show(given)}")
-    return Column(key, (), location)
+        return Column(key, _read_interval(given, location, report, sampled) or (), location)
+    if not isinstance(given, list | tuple):
+        report(location, f"expected a list of values or a table {{from, to, count}}, got {show(given)}")
+        return Column(key, (), location)
+    if not given:
+        report(location, "expected at least one value")
+    return Column(key, tuple(given), location)
 
 
 def _read_interval(given: Mapping[str, Any], location: Location, report: Report, sampled: bool) -> Interval | None:
@@ -136,7 +126,7 @@ def _read_interval(given: Mapping[str, Any], location: Location, report: Report,
         report((*location, "count"), "a sampled design has no count of its own: `samples` gives the number of points")
     elif not sampled and count is None:
         report((*location, "count"), "required key is missing: the number of values, such as count = 5")
-    ends = []
+    ends, fault = list[tuple[float, str]](), ""
     for key, value in (("from", first), ("to", last)):
         try:
             ends.append(number_in_si(value))
@@ -145,7 +135,6 @@ def _read_interval(given: Mapping[str, Any], location: Location, report: Report,
     if len(ends) < 2:
         return None
     (low, dimension), (high, other) = ends
-    fault = ""
     if dimension != other:
         phrases = " and ".join(DIMENSIONS[name].phrase for name in (dimension, other))
         fault = f"{show(first)} and {show(last)} are {phrases}: give both in units of the same kind"
@@ -168,24 +157,22 @@ def number_in_si(value: Any) -> tuple[float, str]:
     return value, "dimensionless"
 
 
-def design_fault(design: str, axes: Sequence[Axis], samples: int | None) -> str:
-    """Return what a design lacks, in words; empty for a sound one."""
-    if design in SAMPLED:
-        if samples is None:
-            return f"samples: required key is missing: the number of points of design = '{design}'"
-        if design == "sobol" and samples & (samples - 1):
-            lower = 1 << (samples.bit_length() - 1)
-            return f"samples: Sobol points come in powers of two, such as {lower} or {2 * lower}, got {samples}"
-        count = samples
-    else:
-        if samples is not None:
-            return f"samples: only {' and '.join(SAMPLED)} designs have samples; the counts of a {design} give its points"
-        lengths = {axis[0].key: axis[0].count or 0 for axis in axes}
-        if design == "zip" and len(set(lengths.values())) > 1:
-            listed = ", ".join(f"{key} {count}" for key, count in lengths.items())
-            return f"design: 'zip' takes the values side by side, and their numbers differ: {listed}"
-        count = math.prod(lengths.values()) if design == "grid" else next(iter(lengths.values()), 1)
-    return f"design: {count} points, at most {MAX_POINTS} are computed" if count > MAX_POINTS else ""
+def design_faults(design: str, axes: Sequence[Axis], samples: int | None) -> Iterator[Wrong]:
+    """Yield what a design lacks."""
+    sampled, lengths = design in SAMPLED, {axis[0].key: axis[0].count or 0 for axis in axes}
+    count = samples or 0 if sampled else math.prod(lengths.values()) if design == "grid" else max(lengths.values(), default=1)
+    if sampled and samples is None:
+        yield ("samples",), f"required key is missing: the number of points of design = '{design}'"
+    elif not sampled and samples is not None:
+        yield ("samples",), f"only {' and '.join(SAMPLED)} designs have samples; the counts of a {design} give its points"
+    elif design == "sobol" and count & (count - 1):
+        lower = 1 << (count.bit_length() - 1)
+        yield ("samples",), f"Sobol points come in powers of two, such as {lower} or {2 * lower}, got {count}"
+    elif design == "zip" and len(set(lengths.values())) > 1:
+        listed = ", ".join(f"{key} {count}" for key, count in lengths.items())
+        yield ("design",), f"'zip' takes the values side by side, and their numbers differ: {listed}"
+    elif count > MAX_POINTS:
+        yield ("design",), f"{count} points, at most {MAX_POINTS} are computed"
 
 
 def settings_of_points(design: str, axes: Sequence[Axis], samples: int | None, seed: int) -> list[Settings]:
@@ -195,18 +182,16 @@ def settings_of_points(design: str, axes: Sequence[Axis], samples: int | None, s
         from scipy.stats import qmc
 
         kind: Any = qmc.Sobol if design == "sobol" else qmc.LatinHypercube
-        rows = kind(len(axes), scramble=True, seed=np.random.default_rng(seed)).random(samples or 0).tolist()
-        return [
-            {column.key: column.at(fraction) for axis, fraction in zip(axes, row, strict=True) for column in axis} for row in rows
-        ]
-    lists = [[column.listed() for column in axis] for axis in axes]
-    indices = [range(len(columns[0])) for columns in lists]
-    numbers: Any = product(*indices) if design == "grid" else zip(*indices, strict=True)
+        rows: Any = kind(len(axes), scramble=True, seed=np.random.default_rng(seed)).random(samples or 0).tolist()
+    else:
+        indices = [range(axis[0].count or 0) for axis in axes]
+        rows = product(*indices) if design == "grid" else zip(*indices, strict=True)
+    lists = {} if design in SAMPLED else {column.key: column.listed() for axis in axes for column in axis}
     return [
         {
-            column.key: values[index]
-            for axis, columns, index in zip(axes, lists, row, strict=True)
-            for column, values in zip(axis, columns, strict=True)
+            column.key: lists[column.key][at] if lists else column.at(at)
+            for axis, at in zip(axes, row, strict=True)
+            for column in axis
         }
-        for row in numbers
+        for row in rows
     ]

@@ -1,59 +1,49 @@
-"""Smaller copies of a scene, so that all variants of it are computed in a given time; the reductions are reported."""
+"""What the workers of a study of cost do: make a smaller copy of a scene, compile, time; the reductions are reported."""
 
 from __future__ import annotations
 
-import json
 import math
+import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from thirdbody import units
 from thirdbody.assembly.simulation import Simulation
-from thirdbody.atomic_files import write_whole
 from thirdbody.errors import GuardStop, InputError, UsageError
 from thirdbody.jit.cache import cache_folder
 from thirdbody.scene.model import Scene
-from thirdbody.studies.point import code_version, point_name
-from thirdbody.studies.timing import rate
+from thirdbody.studies.point import Point
+from thirdbody.studies.timing import bare, rate
 from thirdbody.studies.variants import Base, springs_option
 
+# Least number of bodies left: fewer give poor statistics of states, or, where they meet, meet images of their neighbours.
 FEWEST, FEWEST_THAT_MEET = 16, 50
-"""Least number of bodies left: fewer give poor statistics of states, or, where they meet, meet images of their neighbours."""
+MANY = 512  # number of bodies above which a scene is thinned, if it can be, before its time is estimated
+FRAMES = 20  # least number of outputs left
+SHORTEST = 0.02  # least fraction of the distance or time left
+BESIDE = 0.5  # least ratio of the time of the drag to that of settling: a shorter drag saves little, and is all first slip
 
-MANY = 512
-"""Number of bodies above which a scene is thinned, if it can be, before its time is estimated."""
-
-FRAMES = 20
-"""Least number of outputs left."""
-
-SHORTEST = 0.02
-"""Least fraction of the distance or time left."""
-
-BESIDE = 0.5
-"""Least ratio of the time of the drag to that of settling: a shorter drag saves little, and is all first slip."""
-
+# Time of a copy, over the one that it was made for, above which a smaller one is made, and above which the trial of the smallest
+# ends; how much smaller one is made whose time is not known; number of copies that are tried.
 DEAR, LAST, SMALLER, SIZES = 2.5, 60.0, 0.25, 4
-"""Time of a copy, over the one that it was made for, above which a smaller one is made, and above which the trial of the smallest
-ends; how much smaller one is made whose time is not known; number of copies that are tried."""
 
-UNKNOWN = 10.0
-"""Time with the other integrator over that with its own, where it is not known."""
-
-SHORTEST_SETTLING = 0.125
-"""Least fraction of the expected settling time left."""
-
-CLOSE = 0.8
-"""Fraction of its time to which a run must be reduced before its distance is cut: a trial is no more accurate."""
-
+UNKNOWN = 10.0  # time with the other integrator over that with its own, where it is not known
+SHORTEST_SETTLING = 0.125  # least fraction of the expected settling time left
+CLOSE = 0.8  # fraction of its time to which a run must be reduced before its distance is cut: a trial is no more accurate
 
 RUNS_OF_COPY, FEW_RUNS, ENOUGH_RUNS = 400.0, 4.0, 40.0
 """Budget over the time of one run of the copy with the scene's own settings: some 20 variants, of which the reference takes as
 long as a hundred of these runs, and their timings; where the smallest copy takes longer, below which a study is refused; for the
 cheap variants, the finest law and the steps."""
+
+BATCH, ENOUGH = 3, 0.05
+"""Largest number of runs in the batch of a timing, and its duration [s]; the result is the median.
+
+The first runs find the processor's caches cold, which is not part of their cost.
+"""
 
 
 class StudySource(NamedTuple):
@@ -70,7 +60,8 @@ class StudySource(NamedTuple):
         return scene.with_settings(self.settings) if self.settings else scene
 
 
-class Copy(NamedTuple):
+@dataclass(frozen=True)
+class Copy:
     """A copy of a scene: its TOML with absolute paths, the settings of the scene itself, what was reduced.
 
     `other`: expected time with the other integrator over that with its own.
@@ -81,34 +72,10 @@ class Copy(NamedTuple):
     reduction: list[str]
     other: float
 
-    def document(self) -> dict[str, Any]:
-        """Return it as plain values."""
-        return self._asdict() | {"base": vars(self.base)}
-
     @classmethod
     def of(cls, document: Mapping[str, Any]) -> Copy:
-        """Return the copy of a `document`."""
+        """Return the copy of a document, which `dataclasses.asdict` gives."""
         return cls(**{**document, "base": Base(**document["base"])})
-
-
-class CopyMemory:
-    """The copy that a study of a scene had, in the folder of compiled code, so that a second study computes the same one."""
-
-    def __init__(self, scene: Scene, plugins: Sequence[str | Path], budget: float) -> None:
-        version = code_version(tuple(Path(file).absolute() for file in plugins))
-        self.name = point_name(scene.to_toml(), scene.document(), scene, version)
-        self.path = cache_folder() / f"cost-{self.name}-{budget:g}.json"
-
-    def read(self) -> Copy | None:
-        """Return the copy of an earlier study, None without one."""
-        with suppress(OSError, ValueError, TypeError, KeyError):
-            return Copy.of(json.loads(self.path.read_bytes()))
-        return None
-
-    def write(self, copy: Copy) -> None:
-        """Store a copy, if that is possible."""
-        with suppress(OSError):
-            write_whole(self.path, json.dumps(copy.document()).encode())
 
 
 def make_copy(source: StudySource, target: float, few: bool, _stop: Callable[[], bool] = lambda: False) -> Copy:
@@ -149,19 +116,18 @@ def make_copy(source: StudySource, target: float, few: bool, _stop: Callable[[],
         budget, each, needed = (units.duration(x) for x in (target * RUNS_OF_COPY, seconds, seconds * ENOUGH_RUNS))
         raise UsageError(f"--budget {budget}: one run of the smallest copy of this scene takes {each}; {needed} suffice")
     base = base_of(copy, built, source.plugins)
-    if few:
-        changes = coarsened(copy, built)
-        copy = copy.with_settings(changes) if changes else copy
+    by_length = copy.output.every_kind == "distance"
+    span, unit = (built.planned_distance, "length") if by_length else (built.scene_time(built.planned_time), "time")
+    if few and 1.2 * copy.output.every < (every := _round(span / FRAMES)) <= span:  # frames take as long for every variant
+        copy = copy.with_settings({"output.every": units.format_si(every, unit)})
     words = reductions(scene, bodies if many else first.state.n_bodies, first.settle, copy, built)
     if base.kind == "explicit" and isinstance(copy.solver.time_step, str):
         if seconds <= limit:
             base = replace(base, step=min(base.step, float(trial.integrator.summary()["time_step_limit"]["smallest"])))
         words.append(f"the time step held at {units.pretty(base.step, 'time')}, the smallest that `auto` takes")
-    bed = built.plan.kind == "explicit" and is_bed(built) and scene.plates.moving()
-    base = replace(base, sheared_bed=bed, meets=bool(built.state.world.debris_meets))
-    other = UNKNOWN
-    if (steps := built.plan.steps) is not None:
-        other = steps.gain if built.plan.kind == "implicit" else 1.0 / steps.gain
+    base = replace(base, sheared_bed=base.kind == "explicit" and is_bed(built) and scene.plates.moving())
+    steps = built.plan.steps
+    other = UNKNOWN if steps is None else steps.gain if base.kind == "implicit" else 1.0 / steps.gain
     return Copy(portable(copy).to_toml(), base, words, other)
 
 
@@ -228,7 +194,7 @@ def thin(scene: Scene, bodies: int, fraction: float, fewest: int = FEWEST) -> di
     dashpot shrink with the domain, which gets smaller such that the bodies stay as close as they are. The fraction is a power of
     two: a second study, which measures other times, mostly computes the same copy.
     """
-    upper = scene.plates.upper
+    upper, carried = scene.plates.upper, dict[str, str]()
     drawn = all(getattr(debris, "count", None) and getattr(debris, "placement", "") for debris in scene.debris)
     if fraction >= 1.0 or bodies <= fewest or not drawn:
         return {}
@@ -236,8 +202,6 @@ def thin(scene: Scene, bodies: int, fraction: float, fewest: int = FEWEST) -> di
         if upper.loading is not None and upper.pressure is None:
             return {}
         carried = {"load": "force"} | ({"mass": "mass", "damping": "damping"} if upper.support == "rigid" else {})
-    else:
-        carried = {}
     retained = max(fewest / bodies, _power_of_two(fraction))
     while retained < 1.0:
         counts = [max(1, round(retained * getattr(debris, "count", 1))) for debris in scene.debris]
@@ -277,8 +241,7 @@ def shorten(built: Simulation, fraction: float) -> dict[str, Any]:
         calm = max(SHORTEST_SETTLING, _power_of_two(fraction / (settled + shortest * (1.0 - settled))))
     fraction = min(1.0, max(fits, SHORTEST, BESIDE * calm * settled / (1.0 - settled)))
     key, kind = ("distance", "length") if solver.distance is not None else ("duration", "time")
-    whole = solver.distance if solver.distance is not None else solver.duration
-    assert whole is not None
+    whole = float(getattr(solver, key))
     left = _round(fraction * whole)
     changes: dict[str, Any] = {f"solver.{key}": units.format_si(left, kind)} if left < whole else {}
     if calm < 1.0:
@@ -288,19 +251,6 @@ def shorten(built: Simulation, fraction: float) -> dict[str, Any]:
     if every < output.every:
         changes["output.every"] = units.format_si(every, "length" if output.every_kind == "distance" else "time")
     return changes
-
-
-def coarsened(scene: Scene, built: Simulation) -> dict[str, Any]:
-    """Return the change to an output interval that leaves `FRAMES` frames, where there are more.
-
-    Writing them takes as long for every variant.
-    """
-    by_length = scene.output.every_kind == "distance"
-    span, unit = (built.planned_distance, "length") if by_length else (built.scene_time(built.planned_time), "time")
-    every = _round(span / FRAMES)
-    if every <= 1.2 * scene.output.every or every > span:
-        return {}
-    return {"output.every": units.format_si(every, unit)}
 
 
 def _round(value: float) -> float:
@@ -323,7 +273,8 @@ def base_of(scene: Scene, built: Simulation, plugins: Sequence[str | Path]) -> B
             other = {"solver.integrator": "explicit", **{f"solver.{key}": None for key in IMPLICIT_KEYS}}
             step = prepare(scene.with_settings(other), plugins, force=True).state.dt
     tolerance = scene.solver.tolerance or Accuracy().tolerance
-    return Base(built.plan.kind, built.choice.level, springs, step, tolerance)
+    meets = bool(built.state.world.debris_meets)
+    return Base(built.plan.kind, built.choice.level, springs, step, tolerance, meets=meets)
 
 
 def units_are_compiled(units: Sequence[str]) -> bool:
@@ -336,14 +287,49 @@ def units_are_compiled(units: Sequence[str]) -> bool:
 def portable(scene: Scene) -> Scene:
     """Return the scene with absolute paths of the files that it names, which can be saved in any folder."""
 
-    def absolute(file: str | list[str]) -> str | list[str]:
-        return [str(scene.beside(name).absolute()) for name in file] if isinstance(file, list) else absolute([file])[0]
-
-    changes: dict[str, Any] = {
-        f"debris.{k}.{key}": absolute(getattr(debris, key)) for k, debris in enumerate(scene.debris) for key in debris.file_keys
-    }
+    files = {f"debris.{k}.{key}": getattr(debris, key) for k, debris in enumerate(scene.debris) for key in debris.file_keys}
     for side in ("lower", "upper"):
-        file = getattr(getattr(getattr(scene.plates, side), "surface", None), "file", None)
-        if file is not None:
-            changes[f"plates.{side}.surface.file"] = absolute(file)
+        files[f"plates.{side}.surface.file"] = getattr(getattr(getattr(scene.plates, side), "surface", None), "file", None)
+    changes = {}
+    for key, file in files.items():
+        names = [str(scene.beside(name).absolute()) for name in ([file] if isinstance(file, str) else file or ())]
+        if names:
+            changes[key] = names[0] if isinstance(file, str) else names
     return scene.with_settings(changes) if changes else scene
+
+
+def time_point(point: Point, limit: float, stop: Callable[[], bool] = lambda: False) -> tuple[float, float]:
+    """Return the seconds (wall, processor) of integrating a variant: medians of a batch. Raises GuardStop and Late."""
+    from thirdbody.runner.simulate import prepare, set_threads
+
+    set_threads(1)
+    times: list[tuple[float, float]] = []
+    while len(times) < BATCH and (not times or sum(cpu for _, cpu in times) < ENOUGH) and not stop():
+        times.append(bare(prepare(point.parsed(), point.plugins), limit))
+    wall, cpu = (statistics.median(column) for column in zip(*times, strict=True))
+    return wall, cpu
+
+
+def compile_law(source: StudySource, changes: dict[str, Any], kind: str, _stop: Callable[[], bool] = lambda: False) -> None:
+    """Compile the laws of a scene with these changes into the cache."""
+    from thirdbody.assembly.physics import compile_physics
+    from thirdbody.laws.registry import discover
+
+    physics = compile_physics(source.read().with_settings(changes), discover(tuple(source.plugins))).physics
+    if kind == "implicit":
+        _ = physics.tangents  # compiled where it is named first
+
+
+def compile_point(point: Point, _stop: Callable[[], bool] = lambda: False) -> None:
+    """Compile all that a variant needs into the cache."""
+    from thirdbody.runner.simulate import prepare
+
+    prepare(point.parsed(), point.plugins)
+
+
+def rate_point(point: Point, limit: float, _stop: Callable[[], bool] = lambda: False) -> float:
+    """Return the expected seconds of integrating a variant on one core, from a trial of at most `limit` seconds."""
+    from thirdbody.runner.simulate import prepare, set_threads
+
+    set_threads(1)
+    return rate(prepare(point.parsed(), point.plugins), limit)

@@ -1,34 +1,152 @@
-"""Cost of accuracy: errors of the variants of a scene against the finest of them, their front, and the recommended one."""
+"""Cost of accuracy: errors of runs of a scene against the finest of its variants, their front, and the recommended one."""
 
 from __future__ import annotations
 
 import itertools
 import math
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from thirdbody.errors import UsageError
-from thirdbody.studies.compare import Outcome, errors
 from thirdbody.studies.timing import Timing, slower, timing
 from thirdbody.studies.variants import Variant
 
-GOOD, SAME = 0.01, 0.01
-"""Friction error and fraction of changed labels that a recommended variant may have."""
-
+GOOD, SAME = 0.01, 0.01  # friction error and fraction of changed labels that a recommended variant may have
+# Least gain of time for which another variant is recommended than one that is preferred: a second study finds the same.
 GAIN = 0.25
-"""Least gain of time for which another variant is recommended than one that is preferred: a second study finds the same."""
 
 ERRORS = ("friction_error", "load_error", "position_error", "rotation_error", "label_difference", "dissipation_error",
           "mean_friction_error", "mean_position_error", "state_fraction_error")  # fmt: skip
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Compared quantities of a run of F frames of its drag and B bodies, in SI.
+
+    `friction`, `normal` [N], `gap` [m], all (F,); `states` (F, B) or None; at the end `position` (B, 3), `quaternion` (B, 4; w
+    first), `dissipated` [J], `distance` [m] and `residual`, the relative energy residual. `period` (2,) holds the sides of a
+    periodic domain, infinite for another; `gap_set`: the scene prescribes the gap, so the load is a result.
+    """
+
+    friction: Array
+    normal: Array
+    gap: Array
+    states: Array | None
+    position: Array
+    quaternion: Array
+    dissipated: float
+    distance: float
+    residual: float | None
+    period: Array
+    gap_set: bool = False
+
+
+def read_outcome(folder: Path) -> Outcome | None:
+    """Return the outcome of a run; None when it wrote no frame. Raises InputError for a file that is not a run."""
+    from thirdbody.trajectory.run_file import RunFile
+
+    with RunFile(folder) as run:
+        if not run.frames:
+            return None
+        series, bodies, domain = run.series, run.bodies(-1), run.header["domain"]
+        size, drag = np.array(domain["size"], float), run.drag.during
+        spent = [series[name][-1] for name in ("energy_damping", "energy_friction") if name in series]
+        return Outcome(
+            friction=series["friction_coefficient"][drag],
+            normal=np.abs(series["upper_force"][drag, 2]),
+            gap=series["gap"][drag],
+            states=run.states[drag] if run.has_states else None,
+            position=bodies["position"],
+            quaternion=bodies["quaternion"],
+            dissipated=float(sum(spent)),
+            distance=float(series["distance"][-1]),
+            residual=run.summary().get("energy_residual"),
+            period=size if domain["periodic"] else np.full(2, np.inf),
+            gap_set="gap" in tomllib.loads(run.scene_text).get("plates", {}).get("upper", {}),
+        )
+
+
+def errors(result: Outcome, reference: Outcome) -> dict[str, float]:
+    """Return the errors of a run against a reference, over the frames that both have. NaN without data.
+
+    `friction_error` and `load_error` (of the load where the gap is set, else of the gap) are the root mean square over the
+    frames, divided by the mean size of the reference; `position_error` is divided by the sliding distance (by the gap without
+    one), `rotation_error` in rad; both are medians over the bodies whose labels at the end agree, since a body that tips the
+    other way carries no information on accuracy. `label_difference`: fraction of all labels, frame by frame. `dissipation_error`
+    is relative. Where bodies meet, small differences grow, and only means can be compared: `mean_friction_error` over the frames,
+    relative; `mean_position_error` over the bodies, divided as `position_error`; `state_fraction_error`: the least fraction of
+    all labels that would have to change to make the share of each state equal.
+    """
+    path = reference.distance if reference.distance > 0.0 else float(np.nanmean(reference.gap))
+    same, changed, moved_fractions = np.ones(len(reference.position), bool), math.nan, math.nan
+    if result.states is not None and reference.states is not None:
+        same, frames = result.states[-1] == reference.states[-1], min(len(result.states), len(reference.states))
+        labels = result.states[:frames], reference.states[:frames]
+        if frames:
+            parts = [np.bincount(some.ravel().astype(int), minlength=256) / max(some.size, 1) for some in labels]
+            changed, moved_fractions = float(np.mean(labels[0] != labels[1])), 0.5 * float(np.abs(parts[0] - parts[1]).sum())
+    moved = result.position - reference.position
+    # 0 * infinity is no number, hence the finite factor of a side without period
+    moved[:, :2] -= np.round(moved[:, :2] / reference.period) * np.where(np.isinf(reference.period), 0.0, reference.period)
+    load = (result.normal, reference.normal) if reference.gap_set else (result.gap, reference.gap)
+    return {
+        "friction_error": rms_error(result.friction, reference.friction),
+        "load_error": rms_error(*load),
+        "position_error": _median(np.linalg.norm(moved, axis=1)[same]) / path,
+        "rotation_error": _median(rotation_angles(result.quaternion, reference.quaternion)[same]),
+        "label_difference": changed,
+        "dissipation_error": abs(result.dissipated - spent) / abs(spent) if (spent := reference.dissipated) else float("nan"),
+        "mean_friction_error": rms_error(result.friction, reference.friction, of_means=True),
+        "mean_position_error": float(np.linalg.norm(moved.mean(axis=0))) / path,
+        "state_fraction_error": moved_fractions,
+    }
+
+
+def rms_error(result: Array, reference: Array, of_means: bool = False) -> float:
+    """Return the root mean square difference over the mean size of the reference, over common frames with finite values.
+
+    `of_means`: the difference of the means instead. NaN without any.
+    """
+    frames = min(len(result), len(reference))
+    known = np.isfinite(result[:frames]) & np.isfinite(reference[:frames])
+    a, b = result[:frames][known], reference[:frames][known]
+    size = float(np.mean(np.abs(b))) if len(b) else 0.0
+    change = abs(float(np.mean(a - b))) if of_means and len(b) else float(np.sqrt(np.mean((a - b) ** 2))) if len(b) else 0.0
+    return change / size if size > 0.0 else float("nan")
+
+
+def rotation_angles(first: Array, second: Array) -> Array:
+    """Return the angles (B,) [rad] between orientations (B, 4); also exact for small ones, where arccos loses half its digits."""
+    w = np.abs(np.sum(first * second, axis=1))
+    cross = np.cross(second[:, 1:], first[:, 1:])
+    v = second[:, :1] * first[:, 1:] - first[:, :1] * second[:, 1:] - cross
+    return 2.0 * np.arctan2(np.linalg.norm(v, axis=1), w)
+
+
+def _median(values: Array) -> float:
+    return float(np.median(values)) if len(values) else float("nan")
+
+
+def order(sizes: Any, values: Any) -> float:
+    """Return the order of convergence: slope of log(error) over log(step) by least squares; NaN with fewer than two errors."""
+    h, e = np.asarray(sizes, float), np.asarray(values, float)
+    known = np.isfinite(e) & (e > 0.0)
+    return float(np.polyfit(np.log(h[known]), np.log(e[known]), 1)[0]) if known.sum() > 1 else float("nan")
 
 
 @dataclass(eq=False)
 class Row:
     """Result of one variant.
 
-    `wall`, `cpu`: seconds of its repeats; `outcome`: None for a variant without result; `folder`: the folder of its run;
-    `beside`: seconds of the scene's own variant, timed alternately with it.
+    `wall`, `cpu`: seconds of its repeats; `outcome`: None for a variant without result; `beside`: seconds of the scene's own
+    variant, timed alternately with it.
     """
 
     variant: Variant
@@ -40,7 +158,6 @@ class Row:
     step: float | None = None
     outcome: Outcome | None = None
     errors: dict[str, float] = field(default_factory=dict)
-    folder: str = ""
     beside: list[float] = field(default_factory=list)
 
     @property
@@ -189,18 +306,22 @@ def recommended(built: Study) -> tuple[Row, str]:
     good = [row for row in close if not row.errors[labels] > limit]
     smallest = min((significant_error(built, row, merit) for row in choices), default=0.0)
     nearest = [row for row in choices if significant_error(built, row, merit) <= (1.0 + GAIN) * smallest]
-    ties = _ties(good or [row for row in nearest if not row.errors[labels] > limit] or nearest)
+    equal = good or [row for row in nearest if not row.errors[labels] > limit] or nearest
+    first = min(equal, key=lambda row: row.seconds + row.timing.half, default=built.reference)
+    ties = [row for row in equal if not slower(row.timing, first.timing) or row.seconds <= (1.0 + GAIN) * first.seconds]
     best = min(ties or [built.reference], key=lambda row: (significant_error(built, row, merit), row.seconds))
     row = default if default is not None and default in ties else best
     own = ", the variant of the scene," if row is default else ""
     words = [f"`{row.variant.name}`{own} gives {percent(row.errors[merit])} {merit_in_words(built)} error"]
     if default is not None and default.stable and default is not row:
-        words.append(f" at {_ratio(row, default)} `{default.variant.name}` ({percent(default.errors[merit])})")
+        same, ratio = "the same cost, within the spread, as", f"{row.seconds / default.seconds:.2g} times the cost of"
+        cost = same if _same_time(row, default) else ratio
+        words.append(f" at {cost} `{default.variant.name}` ({percent(default.errors[merit])})")
     words.append(_of_labels(built, row))
     words += _why_not_the_fastest(built, row, close, good)
-    equal = [f"`{other.variant.name}`" for other in ties if other is not row and _same_time(other, row)]
-    if good and equal:
-        words.append(f"; {', '.join(equal)} take{'s' if len(equal) == 1 else ''} the same time within the spread")
+    names = [f"`{other.variant.name}`" for other in ties if other is not row and _same_time(other, row)]
+    if good and names:
+        words.append(f"; {', '.join(names)} take{'s' if len(names) == 1 else ''} the same time within the spread")
     if not good:
         words.append(f"; no variant is within 1 % of `{built.reference.variant.name}` in {merit_in_words(built)} and labels")
     alone = next((other for other in built.rows if other.variant.axis == "meeting" and other.stable), None)
@@ -209,14 +330,6 @@ def recommended(built: Study) -> tuple[Row, str]:
                      f"{percent(alone.errors[merit])}, in {alone.seconds / default.seconds:.2g} times the time of "
                      f"`{default.variant.name}`{_of_labels(built, alone)}")  # fmt: skip
     return row, "".join(words)
-
-
-def _ties(rows: Sequence[Row]) -> list[Row]:
-    """Return the fastest of these variants, and those that are not slower by their spread and by a quarter."""
-    if not rows:
-        return []
-    first = min(rows, key=lambda row: row.seconds + row.timing.half)
-    return [row for row in rows if not slower(row.timing, first.timing) or row.seconds <= (1.0 + GAIN) * first.seconds]
 
 
 def _why_not_the_fastest(built: Study, row: Row, close: Sequence[Row], good: Sequence[Row]) -> Iterator[str]:
@@ -235,12 +348,6 @@ def _why_not_the_fastest(built: Study, row: Row, close: Sequence[Row], good: Seq
 
 def _same_time(a: Row, b: Row) -> bool:
     return not slower(a.timing, b.timing) and not slower(b.timing, a.timing)
-
-
-def _ratio(row: Row, default: Row) -> str:
-    """Return the cost of a variant over that of the scene's own in words; none where the spread exceeds the difference."""
-    same = _same_time(row, default)
-    return "the same cost, within the spread, as" if same else f"{row.seconds / default.seconds:.2g} times the cost of"
 
 
 def _of_labels(built: Study, row: Row) -> str:

@@ -5,28 +5,27 @@ import os
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
 from typing import NamedTuple
 
-from thirdbody.atomic_files import write_whole
-from thirdbody.errors import InputError, Interrupted, OutputError, UsageError
+from thirdbody.atomic_files import write_output, write_whole
+from thirdbody.errors import InputError, Interrupted, UsageError
+from thirdbody.jit.cache import cache_folder
 from thirdbody.report.tables import as_plain, print_json
 from thirdbody.runner.run_folder import lock_folder
 from thirdbody.scene.model import Scene
-from thirdbody.studies.copies import Copy, CopyMemory, StudySource, make_copy
+from thirdbody.studies.copies import RUNS_OF_COPY, Copy, StudySource, make_copy
 from thirdbody.studies.cost import Study, compute_errors
-from thirdbody.studies.cost_bench import Bench, Overdue
 from thirdbody.studies.cost_report import as_json, print_study
-from thirdbody.studies.cost_runs import VariantRuns
+from thirdbody.studies.cost_runs import Bench, Overdue, VariantRuns
 from thirdbody.studies.folder import TABLE, new_study_folder, read_document, save_plan
-from thirdbody.studies.point import INTERRUPTED, read_result
+from thirdbody.studies.point import INTERRUPTED, code_version, point_name, read_result
 from thirdbody.units import duration
 
-REPEATS, BUDGET = 3, 420.0
-"""Least number of timings of a variant; wall time of a study [s]."""
-
-FEW_FRAMES = 420.0
-"""Budget [s] below which the copy has few frames, which take longer to write than a short run to integrate."""
+REPEATS, BUDGET = 3, 420.0  # least number of timings of a variant; wall time of a study [s]
+FEW_FRAMES = 420.0  # budget [s] below which the copy has few frames, which take longer to write than a short run to integrate
 
 
 class StudyOptions(NamedTuple):
@@ -74,7 +73,7 @@ def _compute(
         report = effects_study(source, options.repeats, log, options.only)
         figure = picture(report)
     else:
-        from thirdbody.studies.cost_plot import picture_of_study
+        from thirdbody.studies.pictures import picture_of_study
 
         built = study(source, options.repeats, log, options.budget, options.resume)
         figure = picture_of_study(built)
@@ -83,18 +82,13 @@ def _compute(
     if not options.effects:
         built.elapsed = time.perf_counter() - began
         report = as_json(built)
-    path = folder / f"{name}.json"
-    try:
-        write_whole(path, json_module.dumps(as_plain(report), indent=1).encode())
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
+    write_output(folder / f"{name}.json", json_module.dumps(as_plain(report), indent=1).encode())
     if json:
         print_json(report)
         return
-    where = final or folder
+    where, runs = final or folder, ""
     if options.effects:
         print_effects(report)
-        runs = ""
     else:
         print_study(built)
         runs = f", {where / TABLE}, runs of the variants beside them"
@@ -138,20 +132,25 @@ def _begin(bench: Bench, source: StudySource, scene: Scene, resume: bool, log: C
 
     Raises InputError for a study that should go on and is one of another scene or version.
     """
-    memory = CopyMemory(scene, source.plugins, bench.budget)
-    compiled, copy = bench.compile_laws(source, scene), memory.read()
+    version, compiled = code_version(tuple(Path(file).absolute() for file in source.plugins)), bench.compile_laws(source, scene)
+    name = point_name(scene.to_toml(), scene.document(), scene, version)
+    saved = cache_folder() / f"cost-{name}-{bench.budget:g}.json"  # so that a second study computes the same copy
     if resume:
         document = read_document(source.folder)
-        if document.get("study", {}).get("name") != memory.name:
+        if document.get("study", {}).get("name") != name:
             raise InputError(f"{source.folder}: is a study of another scene or version; --overwrite computes it anew")
         copy = Copy.of(document["study"]["copy"])
-    elif copy is None:
-        log("building the scene and estimating its time")
-        few, part = bench.budget < FEW_FRAMES, 0.5 if compiled else 1.0
-        copy = bench.call(make_copy, source, bench.target, few, part=part)
-        memory.write(copy)
+    else:
+        try:
+            copy = Copy.of(json_module.loads(saved.read_bytes()))
+        except (OSError, ValueError, TypeError, KeyError):
+            log("building the scene and estimating its time")
+            few, part = bench.budget < FEW_FRAMES, 0.5 if compiled else 1.0
+            copy = bench.call(make_copy, source, bench.budget / RUNS_OF_COPY, few, part=part)
+            with suppress(OSError):
+                write_whole(saved, json_module.dumps(asdict(copy)).encode())
     runs = VariantRuns(bench, copy, source, log)
-    save_plan(runs.table.plan, source.folder, {"study": {"name": memory.name, "copy": copy.document()}})
+    save_plan(runs.table.plan, source.folder, {"study": {"name": name, "copy": asdict(copy)}})
     for row, point in runs.points.items():
         if (result := read_result(point)) is not None:
             runs.enter(row, result)

@@ -8,15 +8,16 @@ from collections.abc import Mapping
 from typing import Any
 
 from thirdbody.report.tables import table
-from thirdbody.studies.compare import errors, order
 from thirdbody.studies.cost import (
     ERRORS,
     Row,
     Study,
     efficient,
+    errors,
     figure_of_merit,
     is_chaotic,
     merit_in_words,
+    order,
     percent,
     recommended,
     speed_error,
@@ -24,17 +25,10 @@ from thirdbody.studies.cost import (
 from thirdbody.studies.timing import described
 from thirdbody.system.terminal import print_line
 
-LEFT_OUT = "left out"
-"""Beginning of the message of a variant that was not run."""
-
-FLOOR = 1e-9
-"""Smaller errors are rounding and define no order."""
-
-FALLS = 0.7
-"""Largest ratio of successive errors that still defines an order: half the step or the springs at order 1/2."""
-
-SLOWEST = 1.0 + math.sqrt(2.0)
-"""Least ratio of successive errors for which the error of the reference is extrapolated: order 1/2."""
+LEFT_OUT = "left out"  # beginning of the message of a variant that was not run
+FLOOR = 1e-9  # smaller errors are rounding and define no order
+FALLS = 0.7  # largest ratio of successive errors that still defines an order: half the step or the springs at order 1/2
+SLOWEST = 1.0 + math.sqrt(2.0)  # least ratio of successive errors for which the error of the reference is extrapolated: order 1/2
 
 COLUMNS = {"friction": "friction_error", "load|gap": "load_error", "position": "position_error", "turn, rad": "rotation_error",
            "labels": "label_difference", "dissipated": "dissipation_error"}  # fmt: skip
@@ -124,36 +118,23 @@ def reference_error(built: Study) -> float:
 
 def as_json(built: Study) -> dict[str, Any]:
     """Return the whole study for JSON; numbers in SI or relative."""
-    default, (row, words) = built.default, recommended(built)
+    default, (row, words), front = built.default, recommended(built), efficient(built)
     base = default.seconds if default is not None and default.stable else math.nan
-    front = efficient(built)
     return {
-        "scene": built.scene,
-        "title": built.title,
-        "machine": built.machine,
-        "reduction": built.reduction,
-        "scatter": dict(built.scatter),
-        "budget_s": built.budget,
-        "took_s": built.elapsed,
-        "reference": built.reference.variant.name,
-        "recommended": {"variant": row.variant.name, "words": words},
+        "scene": built.scene, "title": built.title, "machine": built.machine, "reduction": built.reduction,
+        "scatter": dict(built.scatter), "budget_s": built.budget, "took_s": built.elapsed,
+        "reference": built.reference.variant.name, "recommended": {"variant": row.variant.name, "words": words},
         "speed_error": speed_error(built)[1],
-        "variants": [_row_as_json(entry, base, any(entry is other for other in front)) for entry in built.rows],
+        "variants": [_row_as_json(entry, base, entry in front) for entry in built.rows],
         "convergence": convergence(built),
         "reference_error": reference_error(built),
-    }
+    }  # fmt: skip
 
 
 def _row_as_json(row: Row, base: float, on_front: bool) -> dict[str, Any]:
-    variant = row.variant
-    return {
-        "name": variant.name,
-        "axis": variant.axis,
-        "level": variant.level,
-        "springs": variant.springs,
-        "integrator": row.integrator,
-        "speed": variant.speed,
-        "step": row.step,
+    result = {name: getattr(row.variant, name) for name in ("name", "axis", "level", "springs", "speed", "default", "reference")}
+    result |= {name: getattr(row, name) for name in ("integrator", "step", "stable", "message")}
+    return result | {name: row.errors.get(name, math.nan) for name in ERRORS} | {
         "wall_s": statistics.median(row.wall) if row.wall else math.nan,
         "wall_spread_s": [min(row.wall), max(row.wall)] if row.wall else None,
         "cpu_s": row.seconds,
@@ -162,29 +143,20 @@ def _row_as_json(row: Row, base: float, on_front: bool) -> dict[str, Any]:
         "cpu_uncertainty_s": row.timing.half if row.cpu else None,
         "repeats": len(row.wall),
         "time_ratio": row.seconds / base,
-        **{name: row.errors.get(name, math.nan) for name in ERRORS},
         "energy_residual": None if row.outcome is None else row.outcome.residual,
-        "stable": row.stable,
-        "message": row.message,
-        "default": variant.default,
-        "reference": variant.reference,
         "on_front": on_front,
-    }
+    }  # fmt: skip
 
 
 def print_study(built: Study) -> None:
     """Print a study: its conditions, all variants, the recommended one, the convergence and the error of the reference."""
-    machine, default, front = built.machine, built.default, efficient(built)
+    machine, report = built.machine, as_json(built)
     print_line(f"{built.title or built.scene}: errors against {built.reference.variant.name}")
     print_line(f"reduced: {'; '.join(built.reduction) or 'nothing'}")
     print(f"budget {built.budget:.3g} s, took {built.elapsed:.3g} s")
     print(f"on {described(machine)}, {machine['cores']} cores, one used; load before: {machine['load']}")
-    base = default.seconds if default is not None and default.stable else math.nan
     columns = COLUMNS_OF_MEETING if built.scatter else COLUMNS
-    cells = []
-    for row in built.rows:
-        letters = {"*": any(row is other for other in front), "d": row is default, "r": row is built.reference}
-        cells.append(_cells(row, "".join(letter for letter, applies in letters.items() if applies), base, columns))
+    cells = [_cells(row, columns) for row in report["variants"]]
     if built.scatter:
         scatter = (_percent(built.scatter[name]) for name in columns.values())
         cells.append(("", "starts 1e-9 apart", *[""] * 4, *scatter, ""))
@@ -198,13 +170,13 @@ def print_study(built: Study) -> None:
         print_line(words)
     for message, names in stopped(built).items():
         print_line(f"{'; '.join(names)}: {message}")
-    print_line(f"recommended: {recommended(built)[1]}")
-    for entry in convergence(built):
+    print_line(f"recommended: {report['recommended']['words']}")
+    for entry in report["convergence"]:
         values = ", ".join(f"{name}: {percent(error)}" for name, error in zip(entry["sizes"], entry["errors"], strict=True))
         slope = "not known" if math.isnan(entry["order"]) else f"{entry['order']:.2f}"
         first = f" of the first {entry['fitted']}" if entry["fitted"] < len(entry["sizes"]) else ""
         print(f"convergence with the {entry['what']} against {entry['against']}: {values}; order{first} {slope}")
-    own = reference_error(built)
+    own = report["reference_error"]
     words = "not known, its steps show no order" if math.isnan(own) else f"about {percent(own)}, extrapolated from its steps"
     print(f"error of the reference itself: {words}; smaller differences are not significant")
 
@@ -243,18 +215,18 @@ def stopped(built: Study) -> dict[str, list[str]]:
     return result
 
 
-def _cells(row: Row, mark: str, base: float, columns: Mapping[str, str]) -> tuple[str, ...]:
-    step = "" if row.step is None or math.isnan(row.step) else f"{row.step:.2g}{' s' if row.integrator == 'explicit' else ''}"
-    if not row.stable:  # its partial result is not compared
-        what = "left out" if row.message.startswith(LEFT_OUT) else "stopped" if row.cpu else "failed"
-        return (mark, row.variant.name, step, what, *[""] * (len(columns) + 3))
-    residual = row.outcome.residual if row.outcome is not None else None
-    return (
-        mark, row.variant.name, step, f"{row.seconds:.3g} ~{100.0 * row.timing.relative:.0f} %", str(len(row.cpu)),
-        f"{row.seconds / base:.3g}",
-        *((_plain if name == "rotation_error" else _percent)(row.errors.get(name)) for name in columns.values()),
-        _plain(residual),
-    )  # fmt: skip
+def _cells(row: Mapping[str, Any], columns: Mapping[str, str]) -> tuple[str, ...]:
+    """Return the cells of a variant as JSON has it."""
+    mark = "".join(letter for letter, name in {"*": "on_front", "d": "default", "r": "reference"}.items() if row[name])
+    step, unit = row["step"], " s" if row["integrator"] == "explicit" else ""
+    first = mark, row["name"], "" if step is None or math.isnan(step) else f"{step:.2g}{unit}"
+    if not row["stable"]:  # its partial result is not compared
+        what = "left out" if row["message"].startswith(LEFT_OUT) else "stopped" if row["repeats"] else "failed"
+        return (*first, what, *[""] * (len(columns) + 3))
+    relative = row["cpu_uncertainty_s"] / row["cpu_s"] if row["cpu_s"] > 0.0 else math.inf
+    values = ((_plain if name == "rotation_error" else _percent)(row[name]) for name in columns.values())
+    return (*first, f"{row['cpu_s']:.3g} ~{100.0 * relative:.0f} %", str(row["repeats"]), f"{row['time_ratio']:.3g}", *values,
+            _plain(row["energy_residual"]))  # fmt: skip
 
 
 def _percent(value: float | None) -> str:

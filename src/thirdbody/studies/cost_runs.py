@@ -11,16 +11,17 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import CancelledError, Future
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from thirdbody.errors import InputError, ThirdbodyError
 from thirdbody.scene.model import Scene
-from thirdbody.studies.compare import read_outcome
-from thirdbody.studies.copies import Copy, StudySource, units_are_compiled
-from thirdbody.studies.cost import Row
-from thirdbody.studies.cost_bench import BATCH, ENOUGH, Bench, Overdue, compile_law, compile_point, rate_point, time_point
+from thirdbody.studies import copies
+from thirdbody.studies.copies import BATCH, ENOUGH, RUNS_OF_COPY, Copy, StudySource, units_are_compiled
+from thirdbody.studies.cost import Row, read_outcome
 from thirdbody.studies.cost_report import LEFT_OUT
 from thirdbody.studies.folder import RUNS, Table
 from thirdbody.studies.plan import AxisColumn, Plan
@@ -28,28 +29,110 @@ from thirdbody.studies.point import DONE, INTERRUPTED, WAITING, Point, PointResu
 from thirdbody.studies.results import DEFAULT, STATES
 from thirdbody.studies.runner import run_points
 from thirdbody.studies.timing import Late, timing
-from thirdbody.studies.variants import SPRINGS, UNTIMED, Costs, variants_of
+from thirdbody.studies.variants import SPRINGS, UNTIMED, Code, Costs, code_of, laws_of, springs_option, variants_of
 from thirdbody.studies.workers import LocalWorkers
+from thirdbody.system.processes import cores
 from thirdbody.units import duration
 
-GRACE = 3.0
-"""Time for a run to end itself [s]."""
+GRACE = 3.0  # time for a run to end itself [s]
+LATE = 3.0  # a variant is given up after this many times its expected time
+AFFORDABLE = 0.5  # largest fraction of the time left that the finest law and the reference may take together
 
-LATE = 3.0
-"""A variant is given up after this many times its expected time."""
-
-AFFORDABLE = 0.5
-"""Largest fraction of the time left that the finest law and the reference may take together."""
-
+# Largest number of timings of a variant; rounds for which time is reserved while variants are run, but for those that take more
+# than this fraction of the budget; relative uncertainty of a time below which a variant needs no more of them.
 ROUNDS, RESERVED_ROUNDS, DEAR, PRECISE = 25, 3, 0.02, 0.10
-"""Largest number of timings of a variant; rounds for which time is reserved while variants are run, but for those that take more
-than this fraction of the budget; relative uncertainty of a time below which a variant needs no more of them."""
 
-SHORT, MANY, ONLY_TWO = 0.3, 5, 5.0
-"""Limit of run times [s] for many repeats, how many these are, and limit for two repeats."""
+SHORT, MANY, ONLY_TWO = 0.3, 5, 5.0  # limit of run times [s] for many repeats, how many these are, and limit for two repeats
+MEASURED = ("integration_time", *(name for name in DEFAULT if name != STATES))  # results of the variants in the table
+# Largest number of processes that compile laws beside the runs; usual processor time of one law [s].
+COMPILERS, COMPILING = 3, 6.0
+FINISH = 3.0  # time on an idle machine after the last variant: table, picture and JSON [s]
 
-MEASURED = ("integration_time", *(name for name in DEFAULT if name != STATES))
-"""Results of the variants in the table."""
+
+class Overdue(Exception):
+    """The budget is over; the process that computed was ended."""
+
+
+class Bench:
+    """The time left, and processes: one runs and times the variants, the others compile their laws meanwhile."""
+
+    def __init__(self, budget: float) -> None:
+        self.budget, self.began = budget, time.time()
+        self.runner, self.compilers = LocalWorkers(1), LocalWorkers(max(1, min(cores() - 1, COMPILERS)))
+        self.laws, self.wall, self.cpu = dict[Code, Future[Any]](), 0.0, 0.0
+
+    @property
+    def pace(self) -> float:
+        """Wall seconds per second of a core: 1 on an idle machine, more on a shared one."""
+        return max(1.0, self.wall / self.cpu) if self.cpu > 0.1 else 1.0
+
+    @property
+    def end(self) -> float:
+        """Time at which the last variant must be done [s of `time.time`]."""
+        return self.began + self.budget - FINISH * min(self.pace, 3.0)
+
+    def left(self) -> float:
+        """Return the seconds until then."""
+        return self.end - time.time()
+
+    def call(self, function: Callable[..., Any], *arguments: Any, part: float = 1.0) -> Any:
+        """Return the answer of a function in the process, in a part of the time left.
+
+        Raises Overdue, and what the function raised.
+        """
+        began = time.time()
+        try:
+            answer, cpu = self.runner.submit(with_cpu, function, arguments).result(max(part * self.left(), 0.0))
+        except (TimeoutError, CancelledError):
+            raise Overdue from None
+        self.wall += time.time() - began
+        self.cpu += cpu
+        return answer
+
+    def compile(self, code: Code, function: Callable[..., Any], *arguments: Any) -> None:
+        """Let another process compile the laws of a code, once."""
+        if code not in self.laws:
+            self.laws[code] = self.compilers.submit(with_cpu, function, arguments)
+
+    def compile_laws(self, source: StudySource, scene: Scene) -> bool:
+        """Let other processes compile the laws that every study needs: the coarsest, a few springs, the finest.
+
+        Return False, and compile none, where the kernels have to be compiled first: that needs all cores.
+        """
+        from thirdbody.assembly.physics import law_faults
+        from thirdbody.engine.units import EXPLICIT
+        from thirdbody.laws.registry import discover
+        from thirdbody.runner.simulate import likely_units
+
+        units, registry = likely_units(scene), discover(tuple(source.plugins))
+        if not units_are_compiled(units):
+            return False
+        if law_faults(scene, registry):  # building it tells them
+            return True
+        family, kind = registry.families[scene.contact.law], "explicit" if units is EXPLICIT else "implicit"
+        level = scene.contact.level or family.default_level
+        default = springs_option(family, level)
+        own = level, None if default is None else int(scene.contact.options.get("springs", default))
+        first, *others, finest = laws_of(scene, family, own).items()  # the finest compiles longest
+        for law, changes in (first, *(other for other in others if other[0][1] == SPRINGS[0]), finest):
+            if law != own:
+                self.compile(code_of(changes, kind), copies.compile_law, source, changes, kind)
+        return True
+
+    def compiling(self, code: Code) -> float:
+        """Return the processor seconds that the laws of a code need yet: none once they are compiled or refused."""
+        return COMPILING if code in self.laws and not self.laws[code].done() else 0.0
+
+    def close(self) -> None:
+        """End all processes."""
+        self.runner.kill()
+        self.compilers.kill()
+
+
+def with_cpu(function: Callable[..., Any], arguments: tuple[Any, ...], stop: Callable[[], bool]) -> tuple[Any, float]:
+    """Return the result of a function in a worker, and the processor seconds that it took."""
+    began = time.process_time()
+    return function(*arguments, stop), time.process_time() - began
 
 
 def repeats_of(seconds: float, wished: int) -> int:
@@ -65,30 +148,28 @@ class VariantRuns:
     def __init__(self, bench: Bench, copy: Copy, source: StudySource, log: Callable[[str], None]) -> None:
         from thirdbody.laws.registry import discover
 
-        self.bench, self.copy, self.base, self.log = bench, copy, copy.base, log
+        self.bench, self.copy, self.source, self.log = bench, copy, source, log
         files = tuple(Path(file).absolute() for file in source.plugins)
         scene = Scene.parse(copy.scene, "scene.toml", Path(), files)
-        self.variants = variants_of(scene, discover(files).families[scene.contact.law], copy.base)
         self.rows, self.points = list[Row](), dict[Row, Point]()
-        for number, v in enumerate(self.variants, 1):
-            name = f"{number:02d}_{''.join(c if c.isalnum() else '_' for c in v.name).replace('__', '_')}"
-            row = Row(v, message=LEFT_OUT, integrator=v.integrator, step=v.step(copy.base), folder=name)
+        for number, v in enumerate(variants_of(scene, discover(files).families[scene.contact.law], copy.base), 1):
+            row = Row(v, message=LEFT_OUT, integrator=v.integrator, step=v.step(copy.base))
             self.rows.append(row)
             try:
                 text = scene.with_settings(v.changes).to_toml()
             except InputError as error:  # a law that this scene cannot have
                 row.message = str(error)
                 continue
+            name = f"{number:02d}_{''.join(c if c.isalnum() else '_' for c in v.name).replace('__', '_')}"
             folder = source.folder.absolute() / RUNS / name
             self.points[row] = Point(len(self.points), folder, text, Path(), MEASURED, files, nudge=v.nudge)
         valid = [row.variant for row in self.points]
-        columns = (AxisColumn("variant", "1", tuple(v.name for v in valid), 0),
-                   AxisColumn("axis", "1", tuple(v.axis for v in valid), 0))  # fmt: skip
-        settings = tuple(dict(v.changes) for v in valid)
-        plan = Plan(scene.title, copy.scene, "variants", (), columns, tuple(self.points.values()), settings)
-        self.table, self.source = Table(plan, source.folder), source
-        self.own = next(row for row in self.rows if row.variant.default)
-        self.costs = Costs(copy.base, bench.target, self.variants[-1].law, copy.other * bench.target, {})
+        columns = [AxisColumn("variant", "1", tuple(v.name for v in valid), 0),
+                   AxisColumn("axis", "1", tuple(v.axis for v in valid), 0)]  # fmt: skip
+        settings, target = tuple(dict(v.changes) for v in valid), bench.budget / RUNS_OF_COPY
+        plan = Plan(scene.title, copy.scene, "variants", (), tuple(columns), tuple(self.points.values()), settings)
+        self.table, self.own = Table(plan, source.folder), next(row for row in self.rows if row.variant.default)
+        self.costs = Costs(copy.base, target, self.rows[-1].variant.law, copy.other * target, {})
         self.beside, self.timed = [1.0], [0.3]
         self.again: dict[Row, list[tuple[float, float, float]]] = {row: [] for row in self.rows}
 
@@ -147,21 +228,21 @@ class VariantRuns:
 
     def price(self, row: Row) -> float:
         """Return the expected processor seconds of all that a variant needs: compiling, and a run."""
-        return self.costs.of(row.variant) + (self.bench.compiling() if self.bench.ready_in(row.variant.code) else 0.0)
+        return self.costs.of(row.variant) + self.bench.compiling(row.variant.code)
 
     def compile_beside(self) -> None:
         """Let other processes compile what the variants need and is not in their queue yet; last the kernels of an integrator."""
         from thirdbody.engine.units import EXPLICIT
 
         own, units = self.own.variant, {"explicit": EXPLICIT, "implicit": ("driver", "pairs", "books")}
-        last = {kind for kind in units if kind != self.base.kind and not units_are_compiled(units[kind])}
+        last = {kind for kind in units if kind != own.integrator and not units_are_compiled(units[kind])}
         rows = sorted(self.points, key=lambda row: (row.variant.integrator in last, max(self._rank(row), 2), self.price(row)))
         for v, point in ((row.variant, self.points[row]) for row in rows if row.variant.code != own.code):
             if v.integrator != own.integrator:
-                self.bench.compile(v.code, compile_point, point)
+                self.bench.compile(v.code, copies.compile_point, point)
             else:
                 changes = {key: value for key, value in v.changes.items() if key.startswith("contact.")}
-                self.bench.compile(v.code, compile_law, self.source, changes, v.integrator)
+                self.bench.compile(v.code, copies.compile_law, self.source, changes, v.integrator)
 
     def run_all(self, repeats: int) -> None:
         """Run the variants for which time is left; while one waits for its law to be compiled, others are timed.
@@ -182,9 +263,9 @@ class VariantRuns:
                 else:
                     waiting.remove(row)
                     self.run(row, LATE * self.predicted(row) + 5.0 * self.bench.pace)
-        needed = duration(self._needed(waiting)) if waiting else ""
+        needed = duration(self._needed(waiting))
         for row in waiting:
-            missing = "its law was not compiled in time" if self.bench.ready_in(row.variant.code) else "one of the dearest"
+            missing = "its law was not compiled in time" if self.bench.compiling(row.variant.code) else "one of the dearest"
             row.message = f"{LEFT_OUT}, {missing}: a budget of about {needed} has all variants"
 
     def _next(self, waiting: Sequence[Row]) -> tuple[Row | None, bool]:
@@ -195,12 +276,12 @@ class VariantRuns:
         left = self.bench.left() - sum(self.reserved(row) for row in self.rows if row.cpu)
         required, awaited = self._required(waiting, left), False
         for row in sorted(waiting, key=lambda row: (row not in required, self._rank(row), self.price(row))):
-            needed, ready_in = self.predicted(row) + self.reserved(row), self.bench.ready_in(row.variant.code)
-            if (row not in required and self._rank(row) < 2) or (ready_in and ready_in + needed > self.bench.left()):
-                continue  # too dear, or compiled too late
+            needed = self.predicted(row) + self.reserved(row)
+            if row not in required and self._rank(row) < 2:
+                continue  # too dear
             if row not in required and needed > left:
                 break
-            if not ready_in:
+            if not self.bench.compiling(row.variant.code):
                 return row, True
             left, awaited = left - needed, True
         return None, awaited
@@ -209,7 +290,7 @@ class VariantRuns:
         """Measure the expected time of a variant in a short trial. Raises Overdue."""
         variant = row.variant
         try:
-            seconds = self.bench.call(rate_point, self.points[row], 0.5 * DEAR * self.bench.budget)
+            seconds = self.bench.call(copies.rate_point, self.points[row], 0.5 * DEAR * self.bench.budget)
         except ThirdbodyError:  # its run tells the reason
             seconds = self.costs.own
         self.costs.laws[self.costs.key(variant)] = seconds * self.costs.of(replace(variant, factor=1.0)) / self.costs.of(variant)
@@ -239,13 +320,13 @@ class VariantRuns:
             return 0
         if variant.reference:
             return 1
-        few = variant.axis == "law" and (variant is self.variants[0] or variant.springs == SPRINGS[0])
+        few = variant.axis == "law" and (variant is self.rows[0].variant or variant.springs == SPRINGS[0])
         return 2 if few or variant.nudge == 1 else 3
 
     def _needed(self, waiting: Sequence[Row]) -> float:
         """Return a budget in which all variants fit [s]: what they still need, and the larger copy that it has."""
         bench, timed = self.bench, [row for row in self.rows if row.cpu]
-        compiling = max((bench.ready_in(row.variant.code) for row in waiting), default=0.0)
+        compiling = bench.pace * sum(bench.compiling(row.variant.code) for row in waiting) / bench.compilers.count
         rest = sum(self.predicted(row) + self.reserved(row) for row in waiting) + sum(self.reserved(row) for row in timed)
         whole = bench.budget - bench.left() + max(compiling, rest)
         runs = bench.pace * sum(self.costs.of(row.variant) for row in (*timed, *waiting)) if self.copy.reduction else 0.0
@@ -283,7 +364,7 @@ class VariantRuns:
             return None
         began = time.time()
         try:
-            wall, cpu = self.bench.call(time_point, self.points[row], LATE * max(row.cpu[0], 1.0))
+            wall, cpu = self.bench.call(copies.time_point, self.points[row], LATE * max(row.cpu[0], 1.0))
         except (Overdue, Late, ThirdbodyError):
             return None
         self.timed.append(max(time.time() - began - self.bench.pace * max(cpu, min(BATCH * cpu, ENOUGH)), 0.0))
@@ -291,7 +372,5 @@ class VariantRuns:
 
 
 def _is_known(again: Sequence[tuple[float, float, float]], repeats: int) -> bool:
-    seconds = [cpu for _, cpu, _ in again]
-    if not seconds or len(seconds) < repeats_of(min(seconds), repeats):
-        return False
-    return timing([cpu / own for _, cpu, own in again if own > 0.0]).relative <= PRECISE
+    needed = repeats_of(min((cpu for _, cpu, _ in again), default=0.0), repeats)
+    return len(again) >= needed and timing([cpu / own for _, cpu, own in again if own > 0.0]).relative <= PRECISE

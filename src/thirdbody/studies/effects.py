@@ -18,11 +18,10 @@ from thirdbody.errors import ThirdbodyError, UsageError, nearest
 from thirdbody.palette import INK, LINE_COLORS, SOFT_INK
 from thirdbody.runner.simulate import prepare
 from thirdbody.scene.model import Scene
-from thirdbody.studies.compare import errors, read_outcome
-from thirdbody.studies.copies import StudySource, portable, reduce_scene, reductions
-from thirdbody.studies.cost import percent
-from thirdbody.studies.cost_bench import time_point
+from thirdbody.studies.copies import StudySource, portable, reduce_scene, reductions, time_point
+from thirdbody.studies.cost import errors, percent, read_outcome
 from thirdbody.studies.folder import RUNS, SCENE_FILE
+from thirdbody.studies.pictures import add_texts
 from thirdbody.studies.point import DONE, Point, run_point
 from thirdbody.studies.timing import NUDGE, Late, machine
 from thirdbody.studies.workers import LocalWorkers
@@ -30,15 +29,13 @@ from thirdbody.studies.workers import LocalWorkers
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SECONDS = 2.0
-"""Integration time of one run of the copy [s]: some six effects, each in five pairs or, where a run is long, in two."""
+SECONDS = 2.0  # integration time of one run of the copy [s]: some six effects, each in five pairs or, where a run is long, in two
 
+# Time limit of one run [s]; run time above which a run is timed while it also writes its frames, which do not matter there [s];
+# least number of pairs.
 LIMIT, LONG, PAIRS = 90.0, 2.0, 5
-"""Time limit of one run [s]; run time above which a run is timed while it also writes its frames, which do not matter there [s];
-least number of pairs."""
 
-APART = f"starts {NUDGE:g} apart: smaller changes mean nothing"
-"""What the first row tells where bodies meet."""
+APART = f"starts {NUDGE:g} apart: smaller changes mean nothing"  # what the first row tells where bodies meet
 
 TRIED: Mapping[str, tuple[str, Any, str]] = {
     "gravity": ("effects.gravity", ["0 m/s2", "0 m/s2", "-9.81 m/s2"], "9.81 m/s2 downwards"),
@@ -76,19 +73,16 @@ def effects_study(source: StudySource, repeats: int, log: Callable[[str], None],
         trials.insert(0, Trial("none", APART, {}, None))
     source.folder.mkdir(parents=True, exist_ok=True)
     scene.save(source.folder / SCENE_FILE)
-    rows: list[dict[str, Any]] = []
+    rows, files = list[dict[str, Any]](), tuple(Path(file).absolute() for file in source.plugins)
     with LocalWorkers(1) as workers:
         for trial in trials:
             log(f"{trial.name}: {trial.what}")
             # the integrator stays: only the effect is compared
             other = scene.with_settings({"solver.integrator": built.plan.kind, **trial.changes})
             folder = source.folder.absolute() / RUNS / trial.name.replace(" ", "_")
-            files = tuple(Path(file).absolute() for file in source.plugins)
             again = int(trial.named is None)  # the same scene from another start
-            pair = [
-                Point(k, folder / str(k), one.to_toml(), Path(), ("integration_time",), files, nudge=k * again)
-                for k, one in enumerate((scene, other))
-            ]
+            pair = [Point(k, folder / str(k), one.to_toml(), Path(), ("integration_time",), files, nudge=k * again)
+                    for k, one in enumerate((scene, other))]  # fmt: skip
             row = {"effect": trial.name, "what": trial.what} | _compared(workers, pair, max(repeats, PAIRS))
             rows.append(row if trial.named is None else row | {"named": trial.named})
     return {"scene": str(source.scene), "title": scene.title, "machine": machine(), "reduction": reduction, "effects": rows,
@@ -131,36 +125,27 @@ def candidates(scene: Scene, built: Simulation, plugins: Sequence[str | Path], l
     """Return the trial of every effect and measure; those without a sensible value go to `left_out`."""
     from thirdbody.laws.registry import discover
 
-    known, result = discover(tuple(plugins)), list[Trial]()
-
-    def switch_on(name: str) -> None:
-        if name in TRIED:
-            key, value, words = TRIED[name]
-            result.append(Trial(name, f"switched on: {words}", {key: value}, False))
-        else:
-            left_out.append(f"{name}: off, and no value to try is known")
-
-    on = set(scene.effects.named) | ({"gravity"} if scene.effects.gravity is not None else set())
-    for name in known.effects:
-        if name in on:
-            result.append(Trial(name, "switched off", {f"effects.{name}": None}, True))
-        else:
-            switch_on(name)
+    known, result, measures = discover(tuple(plugins)), list[Trial](), scene.measures
+    on = {*scene.effects.named, *measures.named} | ({"gravity"} if scene.effects.gravity is not None else set())
     if built.state.world.debris_meets:
         result.append(Trial("debris-debris contact", "switched off", {"contact.debris_contact": "none"}, True))
     elif scene.contact.debris_contact == "none":
         result.append(Trial("debris-debris contact", "switched on", {"contact.debris_contact": "auto"}, False))
-    for name, measure in known.measures.items():
-        if name in scene.measures.named:
-            changes: dict[str, Any] = {f"measures.{name}": None}
-            others = [known.measures[other] for other in scene.measures.named if other != name]
-            if scene.measures.cell is not None and not any(amount.map for other in others for amount in other.amounts):
-                changes["measures.cell"] = None  # the cells of the maps, where no other measure has one
+    for name in (*known.effects, *known.measures):
+        changes: dict[str, Any] = {f"{'effects' if name in known.effects else 'measures'}.{name}": None}
+        needed = known.measures[name].materials if name in known.measures else ()
+        maps = [amount.map for other in measures.named if other != name for amount in known.measures[other].amounts]
+        if name in measures.named and measures.cell is not None and not any(maps):
+            changes["measures.cell"] = None  # the cells of the maps, where no other measure has one
+        if name in on:
             result.append(Trial(name, "switched off", changes, True))
-        elif lacking := [key for key in measure.materials if any(getattr(m, key) is None for m in built.choice.materials)]:
+        elif lacking := [key for key in needed if any(getattr(m, key) is None for m in built.choice.materials)]:
             left_out.append(f"{name}: off, and the materials lack {', '.join(lacking)}")
+        elif name in TRIED:
+            key, value, words = TRIED[name]
+            result.append(Trial(name, f"switched on: {words}", {key: value}, False))
         else:
-            switch_on(name)
+            left_out.append(f"{name}: off, and no value to try is known")
     return result
 
 
@@ -180,22 +165,22 @@ def print_effects(message: dict[str, Any]) -> None:
         change = [row["change"][key] for key in ("friction_error", "load_error", "label_difference", "dissipation_error")]
         rows.append((row["effect"], row["what"], cost, *("" if math.isnan(x) else percent(x) for x in change)))
     table("", ("effect", "what", "time (pairs)", "friction", "load|gap", "labels", "dissipated"), rows)
-    failed = [f"{row['effect']}: {row['message'].splitlines()[0]}" for row in message["effects"] if "ratio" not in row]
-    for line in [*failed, *message["left_out"]]:
+    for line in [*_failed(message), *message["left_out"]]:
         print_line(line)
 
 
-CHANGES = {  # in `studies.compare.errors`: label, colour, marker
+def _failed(report: dict[str, Any]) -> list[str]:
+    return [f"{row['effect']}: {row['message'].splitlines()[0]}" for row in report["effects"] if "ratio" not in row]
+
+
+CHANGES = {  # in `studies.cost.errors`: label, colour, marker
     "friction_error": ("friction (rms)", LINE_COLORS["blue"], "o"),
     "load_error": ("load or gap (rms)", LINE_COLORS["sky"], "P"),
     "label_difference": ("labels that differ", LINE_COLORS["vermilion"], "s"),
     "dissipation_error": ("dissipated energy", LINE_COLORS["green"], "D"),
 }
-ON, OFF = LINE_COLORS["black"], LINE_COLORS["purple"]
-"""Colours of times: of what the scene names, and of what it does not."""
-
-NOTHING = 1e-6
-"""Smaller changes are drawn at this value, at the edge."""
+ON, OFF = LINE_COLORS["black"], LINE_COLORS["purple"]  # colours of times: of what the scene names, and of what it does not
+NOTHING = 1e-6  # smaller changes are drawn at this value, at the edge
 
 
 def with_over_without(row: dict[str, Any]) -> list[float]:
@@ -218,16 +203,18 @@ def picture(report: dict[str, Any]) -> Figure:
         axes.tick_params(labelsize=8)
     _times(time, rows)
     _changes(change, rows)
-    time.set_yticks(range(len(rows)), [f"{row['effect'].replace('_', ' ')}{_words(row)}" for row in rows])
+    origin = {None: "scene twice", True: "in the scene", False: "tried"}
+    time.set_yticks(range(len(rows)), [f"{row['effect'].replace('_', ' ')} ({origin[row.get('named')]})" for row in rows])
     time.set_ylim(-0.6, len(rows) - 0.4)
-    _texts(figure, time, report, rows)
+    seconds = statistics.median([row["seconds"][0] for row in rows]) if rows else math.nan
+    reduction = "; ".join(report["reduction"]) or "the whole scene"
+    lines = [
+        f"Computed: {reduction}; {seconds:.2g} s of one core, {report['machine']['cpu']}.",
+        *(f"Failed: {textwrap.shorten(words, 130, placeholder=' ...')}" for words in _failed(report)),
+    ]
+    add_texts(figure, time, f"What effects cost and change: {report['title'] or report['scene']}", lines, 90)
+    figure.legend(fontsize=8, frameon=False, loc="outside lower right", ncols=4)
     return figure
-
-
-def _words(row: dict[str, Any]) -> str:
-    if "named" not in row:
-        return " (scene twice)"
-    return " (in the scene)" if row["named"] else " (tried)"
 
 
 def _times(axes: Any, rows: list[dict[str, Any]]) -> None:
@@ -242,10 +229,8 @@ def _times(axes: Any, rows: list[dict[str, Any]]) -> None:
     axes.set_xscale("log")
     axes.margins(x=0.1)
     low, high = axes.get_xlim()
-    ticks = [
-        step * 10.0**power for power in range(-3, 4) for step in ((1, 2, 5) if high / low > 4.0 else (0.8, 1, 1.2, 1.5, 2, 3, 5))
-    ]
-    axes.set_xticks([tick for tick in ticks if low <= tick <= high])
+    steps = (1, 2, 5) if high / low > 4.0 else (0.8, 1, 1.2, 1.5, 2, 3, 5)
+    axes.set_xticks([tick for power in range(-3, 4) for tick in (10.0**power * step for step in steps) if low <= tick <= high])
     axes.xaxis.set_major_formatter("{x:g}")
     axes.minorticks_off()
     axes.set_xlabel("time with it over time without, pairs", fontsize=9)
@@ -261,18 +246,3 @@ def _changes(axes: Any, rows: list[dict[str, Any]]) -> None:
     axes.set_xscale("log")
     axes.set_xlim(left=NOTHING)
     axes.set_xlabel(f"relative change ({NOTHING:g} and less at the edge)", fontsize=9)
-
-
-def _texts(figure: Any, axes: Any, report: dict[str, Any], rows: list[dict[str, Any]]) -> None:
-    machine = report["machine"]
-    seconds = statistics.median([row["seconds"][0] for row in rows]) if rows else math.nan
-    failed = [f"{row['effect']} ({row['message'].splitlines()[0]})" for row in report["effects"] if "ratio" not in row]
-    lines = [
-        f"Computed: {'; '.join(report['reduction']) or 'the whole scene'}; {seconds:.2g} s of one core, {machine['cpu']}.",
-        *(f"Failed: {textwrap.shorten(words, 130, placeholder=' ...')}" for words in failed),
-    ]
-    figure.suptitle(f"What effects cost and change: {report['title'] or report['scene']}", fontsize=12, fontweight="bold", x=0.01,
-                    ha="left", color=INK)  # fmt: skip
-    text = "\n".join(line for one in lines for line in textwrap.wrap(one, 90))
-    axes.set_title(text, loc="left", fontsize=8, color=SOFT_INK)
-    figure.legend(fontsize=8, frameon=False, loc="outside lower right", ncols=4)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import re
 import statistics
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -23,14 +22,9 @@ from thirdbody.system.processes import cores
 from thirdbody.system.terminal import print_line
 from thirdbody.units import DIMENSIONS, duration, file_size
 
-POINTS = "points"
-"""Folder of the points within that of a sweep."""
-
-MAX_FAULTS = 1000
-"""Number of different faults after which no more points are checked."""
-
-TRIALS = 5
-"""Largest number of points of which the cost is estimated, spread evenly over the sweep."""
+POINTS = "points"  # folder of the points within that of a sweep
+MAX_FAULTS = 1000  # number of different faults after which no more points are checked
+TRIALS = 5  # largest number of points of which the cost is estimated, spread evenly over the sweep
 
 
 @dataclass(frozen=True)
@@ -67,35 +61,29 @@ class Plan:
 def make_plan(base: Scene, definition: Definition, folder: Path, plugins: Iterable[str | Path] = ()) -> Plan:
     """Return the points of a sweep in a folder. Raises InputError with all faults of all points."""
     files = tuple(Path(file).absolute() for file in plugins)
-    faults: dict[tuple[str, str], Fault] = {}
-    given = {key: definition.setting(key, plain(value)) for key, value in _paths(definition.tables.settings)}
+    checker = _Checker(definition, files)
+    given, *listed = (
+        {key: toml_value_text(plain(value), key) if definition.from_file else plain(value) for key, value in settings}
+        for settings in (_paths(definition.tables.settings), *(point.items() for point in definition.points))
+    )
     try:
         base = base.with_settings(given) if given else base
     except InputError as error:
         for fault in error.faults:
-            faults[fault.key, fault.message] = definition.fault(("settings", fault.key), fault.message)
-    checker = _Checker(definition, files, faults)
-    listed = [
-        {key: definition.setting(key, plain(value)) for key, value in point.items()} for point in definition.points
-    ]  # fmt: skip
+            checker.faults[fault.key, fault.message] = definition.source.fault(("settings", fault.key), fault.message)
     scenes = [scene for number, settings in enumerate(listed) if (scene := checker.scene(base, settings, number)) is not None]
     names = checker.results()
-    if faults:
-        raise InputError(faults.values())
+    if checker.faults:
+        raise InputError(checker.faults.values())
     version, scene_folder = code_version(files), Path(base.beside("")).absolute()
-    points, documents = [], []
-    for number, scene in enumerate(scenes):
-        document = scene.document()
+    points, documents = [], [scene.document() for scene in scenes]
+    for number, (scene, document) in enumerate(zip(scenes, documents, strict=True)):
         text = toml_text(document)
-        name = point_name(text, document, scene, version)
-        points.append(
-            Point(number, folder.absolute() / POINTS / name, text, scene_folder, names, files, definition.tables.keep)
-        )  # fmt: skip
-        documents.append(document)
+        point_folder = folder.absolute() / POINTS / point_name(text, document, scene, version)
+        points.append(Point(number, point_folder, text, scene_folder, names, files, definition.tables.keep))
     columns = tuple(_column(axis, key.key, documents) for axis, keys in enumerate(definition.axes) for key in keys)
-    design = definition.design
-    lengths = tuple(axis[0].count or 0 for axis in definition.axes) if design == "grid" else ()
-    return Plan(base.title, base.to_toml(), design, lengths, columns, tuple(points), tuple(listed))
+    lengths = tuple(axis[0].count or 0 for axis in definition.axes) if definition.design == "grid" else ()
+    return Plan(base.title, base.to_toml(), definition.design, lengths, columns, tuple(points), tuple(listed))
 
 
 def _paths(table: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
@@ -110,12 +98,12 @@ def _paths(table: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any
 class _Checker:
     """Resolves the scene of each point and collects the faults, each once."""
 
-    def __init__(self, definition: Definition, plugins: tuple[Path, ...], faults: dict[tuple[str, str], Fault]) -> None:
+    def __init__(self, definition: Definition, plugins: tuple[Path, ...]) -> None:
         from thirdbody.laws.registry import discover
 
-        self.definition, self.faults = definition, faults
-        self.registry = discover(plugins)
-        self.laws: dict[str, list[Fault]] = {}
+        self.definition, self.registry = definition, discover(plugins)
+        self.faults: dict[tuple[str, str], Fault] = {}
+        self.laws: set[str] = set()
         self.states: dict[str, None] = {}
 
     def scene(self, base: Scene, settings: Settings, number: int) -> Scene | None:
@@ -135,33 +123,32 @@ class _Checker:
             return None
         code = f"{scene.contact!r} {scene.effects!r}"
         if code not in self.laws:
-            self.laws[code] = law_faults(scene, self.registry)
+            self.laws.add(code)
             self.states |= dict.fromkeys(states_of(scene, self.registry))
-            self._collect(self.laws[code], settings, number)
+            self._collect(law_faults(scene, self.registry), settings, number)
         return scene
 
     def results(self) -> tuple[str, ...]:
         """Return the names of all results; unknown ones are faults."""
         for number, name in enumerate(self.definition.tables.results):
             if text := unknown(name, self.states):
-                self.faults["results", name] = self.definition.fault(("results", number), text)
+                self.faults["results", name] = self.definition.source.fault(("results", number), text)
         return with_states(self.definition.tables.results, list(self.states))
 
     def _collect(self, faults: Sequence[Fault], settings: Settings, number: int) -> None:
+        """Keep faults at the place in the sweep file that they come from, or with the values of the point."""
+        columns = [column for axis in self.definition.axes for column in axis]
         for fault in faults:
-            if (fault.key, fault.message) not in self.faults:
-                self.faults[fault.key, fault.message] = self._placed(fault, settings, number)
-
-    def _placed(self, fault: Fault, settings: Settings, number: int) -> Fault:
-        """Return the fault at the place in the sweep file that it comes from, or with the values of the point."""
-        location = _words(fault.key)
-        for column in (column for axis in self.definition.axes for column in axis):
-            key = _words(column.key)
-            if location[: len(key)] == key:
-                return self.definition.fault(column.location, fault.message)._replace(key=fault.key)
-        values = ", ".join(f"{key} = {value}" for key, value in settings.items())
-        message = f"{fault.message} (at point {number}: {values})"
-        return fault._replace(message=message, file=None if fault.file == SETTINGS else fault.file)
+            at = next((one for one in columns if _words(fault.key)[: len(_words(one.key))] == _words(one.key)), None)
+            if (fault.key, fault.message) in self.faults:
+                continue
+            if at is not None:
+                placed = self.definition.source.fault(at.location, fault.message)._replace(key=fault.key)
+            else:
+                values = ", ".join(f"{key} = {value}" for key, value in settings.items())
+                file = None if fault.file == SETTINGS else fault.file
+                placed = fault._replace(message=f"{fault.message} (at point {number}: {values})", file=file)
+            self.faults[fault.key, fault.message] = placed
 
 
 def _words(path: str) -> tuple[str, ...]:
@@ -173,24 +160,21 @@ def _column(axis: int, key: str, documents: Sequence[Any]) -> AxisColumn:
     """Return the values of a key in the resolved scenes, as numbers in SI where all are of one kind."""
     raw = [_value_at(document, _words(key)) for document in documents]
     try:
-        pairs = [number_in_si(value) for value in raw]
+        values, kinds = zip(*map(number_in_si, raw), strict=True)
     except ValueError:
-        return AxisColumn(
-            key, "1", tuple(value if isinstance(value, str) else toml_value_text(value, key) for value in raw), axis
-        )
-    kinds = {dimension for _, dimension in pairs}
-    if len(kinds) > 1:
-        return AxisColumn(key, "1", tuple(str(value) for value in raw), axis)
-    return AxisColumn(key, DIMENSIONS[kinds.pop()].si_unit or "1", tuple(value for value, _ in pairs), axis)
+        values, kinds = tuple(value if isinstance(value, str) else toml_value_text(value, key) for value in raw), ()
+    if len(set(kinds)) > 1:
+        values, kinds = tuple(map(str, raw)), ()
+    return AxisColumn(key, DIMENSIONS[kinds[0]].si_unit or "1" if kinds else "1", values, axis)
 
 
 def _value_at(document: Any, words: Sequence[str]) -> Any:
     """Return the value of a key in a document; "absent" where the scene does not write it out."""
-    for word in words:
-        try:
+    try:
+        for word in words:
             document = document[int(word)] if isinstance(document, list) else document[word]
-        except (KeyError, IndexError, ValueError, TypeError):
-            return "absent"
+    except (KeyError, IndexError, ValueError, TypeError):
+        return "absent"
     return document
 
 
@@ -206,17 +190,17 @@ def estimate(plan: Plan, workers: int | None) -> dict[str, Any]:
     saved = {point.number: result for point in plan.points if (result := read_result(point)) is not None}
     missing = [point for point in plan.points if point.number not in saved]
     seconds = [result.seconds for result in saved.values() if result.status == DONE]
-    sizes = [size for number in saved if (size := _bytes(plan.points[number].folder))]
+    folders = [plan.points[number].folder for number in saved]
+    sizes = [size for folder in folders if (size := sum(file.stat().st_size for file in folder.iterdir() if file.is_file()))]
     set_threads(1)
     trials, memory, failures = list[dict[str, Any]](), [0], list[str]()
     for point in missing[:: max(1, math.ceil(len(missing) / TRIALS))]:
         try:
             built = prepare(point.parsed(), point.plugins)
-        except ThirdbodyError as error:
-            failures.append(f"point {point.number}: {error.message}")
-        else:
             memory.append(memory_of(built))
             trials.append(outlook(built))
+        except ThirdbodyError as error:
+            failures.append(f"point {point.number}: {error.message}")
 
     def mean(name: str) -> float:
         known = [float(trial[name]) for trial in trials if math.isfinite(trial[name])]
@@ -224,27 +208,12 @@ def estimate(plan: Plan, workers: int | None) -> dict[str, Any]:
 
     each = statistics.fmean(seconds) if seconds else mean("estimated_wall_time")
     disk = statistics.fmean(sizes) if sizes else mean("disk") if plan.points[0].keep == "all" else 0.0
-    count = max(1, min(workers or cores(), len(missing)))
-    total = each * len(missing) if missing else 0.0
+    count, total = max(1, min(workers or cores(), len(missing))), each * len(missing) if missing else 0.0
     return {
-        "points": len(plan.points),
-        "done": len(saved),
-        "workers": count,
-        "core_seconds": total,
-        "wall_time": total / count,
-        "disk": int(disk * len(missing)) if missing and math.isfinite(disk) else 0,
-        "memory_per_worker": max(memory),
-        "measured": len(seconds),
-        "trials": len(trials),
-        "failures": failures,
-    }
-
-
-def _bytes(folder: Path) -> int:
-    try:
-        return sum(entry.stat().st_size for entry in os.scandir(folder) if entry.is_file())
-    except OSError:
-        return 0
+        "points": len(plan.points), "done": len(saved), "workers": count, "core_seconds": total, "wall_time": total / count,
+        "disk": int(disk * len(missing)) if missing and math.isfinite(disk) else 0, "memory_per_worker": max(memory),
+        "measured": len(seconds), "trials": len(trials), "failures": failures,
+    }  # fmt: skip
 
 
 def print_estimate(plan: Plan, cost: Mapping[str, Any], json: bool) -> None:

@@ -9,34 +9,27 @@ import shutil
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
 from functools import cache
 from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from thirdbody.atomic_files import write_whole
+from thirdbody.atomic_files import write_output
 from thirdbody.errors import InputError, Interrupted, OutputError, ThirdbodyError
 from thirdbody.runner.checkpoint import FILE as CHECKPOINT
 from thirdbody.runner.run_folder import lock_folder
 from thirdbody.scene.model import Scene
 
-if TYPE_CHECKING:
-    from thirdbody.assembly.simulation import Simulation
-    from thirdbody.runner.checkpoint import Checkpoint
-
-RESULT_FILE = "point.json"
-"""In the folder of a point, beside the files of its run: the result, written last."""
-
+RESULT_FILE = "point.json"  # in the folder of a point, beside the files of its run: the result, written last
+# Status of a point: not yet run; finished; stopped by a guard, a fault or a lost worker; stopped with a checkpoint.
 WAITING, DONE, FAILED, INTERRUPTED = "waiting", "done", "failed", "interrupted"
-"""Status of a point: not yet run; finished; stopped by a guard, a fault or a lost worker; stopped with a checkpoint."""
-
+# Time [s] to wait for another process that still writes this point (one whose study was killed ends soon), and interval.
 LOCKED, POLL = 60.0, 0.2
-"""Time [s] to wait for another process that still writes this point (one whose study was killed ends soon), and interval."""
-
+# Packages whose source decides on results.
 PACKAGES = ("assembly", "bodies", "engine", "jit", "kernels", "laws", "runner", "scene", "statics", "trajectory")
-"""Packages whose source decides on results."""
 
 
 @dataclass(frozen=True)
@@ -82,12 +75,7 @@ class PointResult:
 
 def write_result(point: Point, result: PointResult) -> None:
     """Write the result into the folder of its point, whole or not at all. Raises OutputError."""
-    path = point.folder / RESULT_FILE
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, json.dumps(asdict(result)).encode())
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
+    write_output(point.folder / RESULT_FILE, json.dumps(asdict(result)).encode())
 
 
 def read_result(point: Point) -> PointResult | None:
@@ -107,78 +95,68 @@ def run_point(point: Point, stop: Callable[[], bool] = lambda: False) -> PointRe
     Never raises for a point that fails. The status is `interrupted`, and nothing is final, where `stop` returned True or the
     deadline passed (the run then ends with a checkpoint) and where the disk is full (exit code 5).
     """
-    began, used = time.perf_counter(), time.process_time()
+    began, used, status, results = time.perf_counter(), time.process_time(), FAILED, dict[str, float]()
     if (saved := read_result(point)) is not None:
         return saved
     if not _unlocked(point.folder):
         return PointResult(point.number, FAILED, f"{point.folder}: another process is writing this run", 5)
     try:
-        result = PointResult(point.number, DONE, "", 0, 0.0, _results(point, stop))
+        try:
+            results, status, reason, code = _results(point, stop), DONE, "", 0
+        except (Interrupted, OutputError):
+            raise
+        except ThirdbodyError as error:
+            reason, code = error.message, error.exit_code
+        except MemoryError as error:
+            reason, code = f"not enough memory{f' ({error})' if str(error) else ''}", 5
+        except Exception as error:  # a bug at one point ends no study
+            where = traceback.extract_tb(error.__traceback__)[-1]
+            reason = f"a bug of thirdbody: {type(error).__name__}: {error} ({Path(where.filename).name}, line {where.lineno})"
+            code = 1
+        seconds, processor = time.perf_counter() - began, time.process_time() - used
+        result = PointResult(point.number, status, reason, code, seconds, results, processor)
+        write_result(point, result)
     except (Interrupted, OutputError) as error:  # a full disk: no property of the point
         return PointResult(point.number, INTERRUPTED, error.message, error.exit_code, time.perf_counter() - began)
-    except ThirdbodyError as error:
-        result = PointResult(point.number, FAILED, error.message, error.exit_code)
-    except MemoryError as error:
-        result = PointResult(point.number, FAILED, f"not enough memory{f' ({error})' if str(error) else ''}", 5)
-    except Exception as error:  # a bug at one point ends no study
-        where = traceback.extract_tb(error.__traceback__)[-1]
-        reason = f"a bug of thirdbody: {type(error).__name__}: {error} ({Path(where.filename).name}, line {where.lineno})"
-        result = PointResult(point.number, FAILED, reason, 1)
-    result = replace(result, seconds=time.perf_counter() - began, processor=time.process_time() - used)
-    try:
-        write_result(point, result)
-        if result.status == DONE and point.keep == "summary":
-            for path in point.folder.iterdir():
-                if path.name != RESULT_FILE:
-                    shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
-    except OutputError as error:
-        return PointResult(point.number, INTERRUPTED, error.message, error.exit_code, result.seconds)
+    if status == DONE and point.keep == "summary":
+        for path in point.folder.iterdir():
+            if path.name != RESULT_FILE:
+                shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
     return result
 
 
 def _results(point: Point, stop: Callable[[], bool]) -> dict[str, float]:
-    from thirdbody.runner.simulate import execute
+    from thirdbody.runner.resume import prepare_resume
+    from thirdbody.runner.simulate import execute, prepare
     from thirdbody.studies.results import results_of
     from thirdbody.studies.timing import attach, nudge
     from thirdbody.trajectory.run_file import RunFile
 
-    simulation, checkpoint = _simulation(point)
+    built, checkpoint = None, None
+    if (point.folder / CHECKPOINT).is_file():
+        with suppress(InputError):  # damaged, or of another build of the scene: the point is computed from its start
+            built, checkpoint = prepare_resume(point.folder, plugins=point.plugins)
+    simulation = built or prepare(point.parsed(), point.plugins)
     if point.nudge and checkpoint is None:
         nudge(simulation.state, point.nudge)
-    clock = attach(simulation.integrator)
+    seconds = attach(simulation.integrator)
 
     def ended() -> bool:
         return stop() or time.time() > point.deadline
 
     summary = execute(simulation, point.folder, 1, overwrite=checkpoint is None, stop=ended, checkpoint=checkpoint)
     with RunFile(point.folder) as run:
-        return results_of(run, summary | {"integration_time": clock.cpu}, point.results)
-
-
-def _simulation(point: Point) -> tuple[Simulation, Checkpoint | None]:
-    """Return the simulation of a point, and the checkpoint of its folder if there is one to go on from."""
-    from thirdbody.runner.resume import prepare_resume
-    from thirdbody.runner.simulate import prepare
-
-    if (point.folder / CHECKPOINT).is_file():
-        try:
-            return prepare_resume(point.folder, plugins=point.plugins)
-        except InputError:  # damaged, or of another build of the scene: the point is computed from its start
-            pass
-    return prepare(point.parsed(), point.plugins), None
+        return results_of(run, summary | {"integration_time": seconds()}, point.results)
 
 
 def _unlocked(folder: Path) -> bool:
     """Wait until no other process writes the run of this point; return False after `LOCKED` seconds."""
     until = time.perf_counter() + LOCKED
-    while True:
-        try:
-            with lock_folder(folder):
-                return True
-        except OutputError:
-            if time.perf_counter() > until:
-                return False
+    while time.perf_counter() < until:
+        with suppress(OutputError), lock_folder(folder):
+            return True
         time.sleep(POLL)
+    return False
 
 
 @cache

@@ -14,19 +14,18 @@ from thirdbody.trajectory.names import BED, SERIES
 if TYPE_CHECKING:
     from thirdbody.trajectory.run_file import RunFile as Run
 
+# Beginnings of the names of results with a state: `fraction_rolling`, `fraction_ever_rolling`.
 FRACTION, EVER = "fraction_", "fraction_ever_"
-"""Beginnings of the names of results with a state: `fraction_rolling`, `fraction_ever_rolling`."""
 
 Stored = Mapping[str, Any]
 
-STATES = "fractions"
-"""Short name of the fractions of all states."""
+STATES = "fractions"  # short name of the fractions of all states
 
 DEFAULT = ("friction_coefficient", "friction_coefficient_error", STATES, "fraction_ever_rolling", "load", "energy_residual",
            "wall_time")  # fmt: skip
 
+# Columns of a table that differ from computation to computation; all others have the same bits.
 TIMES = ("seconds", "wall_time", "integration_time")
-"""Columns of a table that differ from computation to computation; all others have the same bits."""
 
 
 class Result(NamedTuple):

@@ -9,7 +9,7 @@ import time
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Future
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -17,8 +17,7 @@ from typing import Any
 
 from thirdbody.errors import Interrupted, OutputError, ThirdbodyError
 from thirdbody.runner.run_folder import lock_folder
-from thirdbody.studies.dask import DaskPoints, is_dask_client
-from thirdbody.studies.folder import Table, refuse_existing_sweep, save_plan
+from thirdbody.studies.folder import Table, is_sweep_folder, save_plan
 from thirdbody.studies.plan import Plan
 from thirdbody.studies.point import (
     DONE,
@@ -32,19 +31,15 @@ from thirdbody.studies.point import (
     run_point,
     write_result,
 )
-from thirdbody.studies.workers import LocalWorkers
+from thirdbody.studies.workers import DaskPoints, LocalWorkers, is_dask_client
 from thirdbody.system.processes import cores
 from thirdbody.system.terminal import print_line, progress_bar
 from thirdbody.units import duration
 
-POLL = 0.2
-"""Interval [s] at which a wish to stop is noticed."""
-
-LINES = 10
-"""Number of lines of the progress of a whole study where there is no terminal for a bar."""
-
+POLL = 0.2  # interval [s] at which a wish to stop is noticed
+LINES = 10  # number of lines of the progress of a whole study where there is no terminal for a bar
+# Approximate number of points whose laws are compiled before workers start; a worker compiles what none of them has.
 EXAMINED = 200
-"""Approximate number of points whose laws are compiled before workers start; a worker compiles what none of them has."""
 
 
 @dataclass(frozen=True)
@@ -120,9 +115,8 @@ def run_points(
     full: points without a result then wait for a resume.
     """
     finished: SimpleQueue[tuple[Point, Any]] = SimpleQueue()
-    futures: list[Any] = []
+    futures, going, killed = list[Any](), True, math.inf
     broken: OutputError | None = None
-    going, killed = True, math.inf
 
     def interrupt() -> None:
         for future in reversed(futures):
@@ -201,16 +195,27 @@ def execute_sweep(plan: Plan, folder: Path, execution: Execution) -> Table:
 
     Raises OutputError if the folder cannot be used, and Interrupted where `execution.stop` ended the sweep.
     """
-    if not execution.resume:
-        refuse_existing_sweep(folder)
+    if not execution.resume and os.path.lexists(folder) and not (folder.is_dir() and not os.listdir(folder)):
+        known = is_sweep_folder(folder)
+        raise OutputError(
+            f"{folder}: exists already",
+            python=f"; {'resume=True goes on, ' if known else ''}out=... names another folder",
+            command=f"; {'--resume goes on, ' if known else ''}-o names another folder",
+        )
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be made ({error.strerror or error})") from error
     with lock_folder(folder):
         save_plan(plan, folder)
-        table = Table(plan, folder)
-        missing = missing_points(table, execution.retry)
+        table, missing = Table(plan, folder), list[Point]()
+        for point in plan.points:
+            saved = read_result(point)
+            if saved is None or (execution.retry and saved.status == FAILED):
+                (point.folder / RESULT_FILE).unlink(missing_ok=True)
+                missing.append(point)
+            else:
+                table.enter(saved)
         table.write()
         finished = not missing or _run(missing, table, execution)
         table.write()
@@ -226,23 +231,8 @@ def execute_sweep(plan: Plan, folder: Path, execution: Execution) -> Table:
     return table
 
 
-def missing_points(table: Table, retry: bool = False) -> list[Point]:
-    """Enter the results that are there into the table; return the points without one, with `retry` failed ones too."""
-    missing = []
-    for point in table.plan.points:
-        saved = read_result(point)
-        if saved is not None and retry and saved.status == FAILED:
-            (point.folder / RESULT_FILE).unlink(missing_ok=True)
-            saved = None
-        if saved is None:
-            missing.append(point)
-        else:
-            table.enter(saved)
-    return missing
-
-
 def _run(missing: list[Point], table: Table, execution: Execution) -> bool:
-    began, earlier = 0.0, len(table.rows) - len(missing)
+    began, earlier, given = 0.0, len(table.rows) - len(missing), execution.executor
     same: dict[Path, list[Point]] = {}
     for point in missing:
         same.setdefault(point.folder, []).append(point)
@@ -251,33 +241,19 @@ def _run(missing: list[Point], table: Table, execution: Execution) -> bool:
         for point in same[table.plan.points[result.number].folder]:  # points with the same scene have one run
             table.record(replace(result, number=point.number))
         done, failed = table.counts.get(DONE, 0), table.counts.get(FAILED, 0)
-        progress = SweepProgress(done + failed, failed, len(table.rows), earlier, time.perf_counter() - began)
-        execution.report(progress)
+        execution.report(SweepProgress(done + failed, failed, len(table.rows), earlier, time.perf_counter() - began))
 
     unique = [points[0] for points in same.values()]
     count = max(1, min(execution.workers or cores(), len(unique)))
-    with _executor(count, execution.executor) as executor:
+    opened: Any = LocalWorkers(count) if given is None else nullcontext(DaskPoints(given) if is_dask_client(given) else given)
+    with opened as executor:
         memory, ready = warm_up(unique), len(table.rows) - len(unique)
         what = f"{len(unique)} points" + (f", {ready} more are there already" if ready else "")
         each = f", about {memory / 1e9:.1f} GB each" if memory else ""
         where = f"{count} {'process' if count == 1 else 'processes'} of one thread{each}"
-        execution.log(f"{what}: {where if execution.executor is None else f'on {type(execution.executor).__name__}'}")
+        execution.log(f"{what}: {where if given is None else f'on {type(given).__name__}'}")
         began = time.perf_counter()
         return run_points(unique, executor, record, execution.stop)
-
-
-@contextmanager
-def _executor(count: int, given: Any) -> Iterator[Any]:
-    if given is not None:
-        yield DaskPoints(given) if is_dask_client(given) else given
-        return
-    workers = LocalWorkers(count)
-    try:
-        yield workers
-    except BaseException:
-        workers.kill()
-        raise
-    workers.shutdown()
 
 
 def warm_up(points: Sequence[Point]) -> int:

@@ -4,64 +4,42 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from thirdbody.errors import Fault, GuardStop, InputError, Interrupted, UsageError
 from thirdbody.runner.simulate import check_call
 from thirdbody.scene.model import Scene
-from thirdbody.scene.settings import toml_value
 from thirdbody.schema.read import read_text
-from thirdbody.studies.folder import SCENE_FILE, is_sweep_folder, read_document, sweep_folder
+from thirdbody.studies.folder import SCENE_FILE, TABLE, SweepTable, is_sweep_folder, read_document, sweep_folder
 from thirdbody.studies.plan import Plan, estimate, make_plan, print_estimate
 from thirdbody.studies.point import DONE, FAILED
 from thirdbody.studies.runner import Execution, execute_sweep, reporting
 from thirdbody.studies.sweep_file import is_sweep, read_sweep, saved_definition, sweep_of_options, sweep_of_python
-from thirdbody.studies.sweep_table import SweepTable
 from thirdbody.system.signals import stop_on_ctrl_c, stop_on_signal
 from thirdbody.system.terminal import print_line
 
-FOLDER = Path("sweeps")
-"""Folder of sweeps that name none."""
-
-REPORTED = 5
-"""Largest number of failed points that are listed at the end; the table has all."""
+FOLDER = Path("sweeps")  # folder of sweeps that name none
+REPORTED = 5  # largest number of failed points that are listed at the end; the table has all
 
 
-def run_sweep(
-    scene: Any,
-    vary: Any,
-    out: Path | None,
-    executor: Any,
-    resume: Any,
-    progress: Any,
-    plugins: Iterable[str | Path],
-    options: dict[str, Any],
-) -> Path:
-    """Run the sweep of the arguments of `thirdbody.sweep`; return its folder."""
+def execution_of_python(executor: Any, workers: Any, resume: Any, progress: Any, plugins: Iterable[str | Path]) -> Execution:
+    """Return how a sweep is carried out. Raises UsageError for a wrong argument."""
     check_call(plugins, progress)
-    workers = _workers(options.pop("workers", None), executor, resume)
-    plan, folder = _plan_of_python(scene, vary, out, plugins, options)
-    with reporting(progress, plan.title) as report, stop_on_ctrl_c() as stop:
-        execute_sweep(plan, folder, Execution(executor, workers, bool(resume), resume == "failed", report, stop=stop))
-    return folder
-
-
-def _workers(workers: Any, executor: Any, resume: Any) -> int | None:
-    """Return the number of workers. Raises UsageError for a wrong one, and for a wrong `executor` or `resume`."""
     if executor is not None and not callable(getattr(executor, "submit", None)):
         raise UsageError(f"executor = {executor!r}: must be a Dask client, or have the `submit` of concurrent.futures")
     if workers is not None and (not isinstance(workers, int) or isinstance(workers, bool) or workers < 1):
         raise UsageError(f"workers = {workers!r}: must be a whole number of at least 1")
     if resume not in (True, False, "failed"):
         raise UsageError(f"resume = {resume!r}: must be True, False or 'failed'")
-    return workers
+    return Execution(executor, workers, bool(resume), resume == "failed")
 
 
-def _plan_of_python(
+def plan_of_python(
     scene: Any, vary: Any, out: Path | None, plugins: Iterable[str | Path], options: Mapping[str, Any]
 ) -> tuple[Plan, Path]:
+    """Return the plan of the arguments of `thirdbody.sweep`, and its folder. Raises UsageError and InputError."""
     if vary is not None:
         points = isinstance(vary, Sequence) and not isinstance(vary, str) and all(isinstance(point, Mapping) for point in vary)
         if not isinstance(vary, Mapping) and not points:
@@ -73,14 +51,17 @@ def _plan_of_python(
         raise UsageError(f"{', '.join(options)}: options of a sweep go with `vary`; in a sweep file they are keys")
     if isinstance(scene, Scene | Mapping):
         raise UsageError("give `vary`, or a sweep file instead of a scene")
-    path = Path(scene)
-    if path.is_file() and not is_sweep_folder(path) and not is_sweep(path):
-        raise UsageError(f"{path}: is a scene; give `vary`, or a sweep file")
-    return plan_of_path(path, out, plugins)
+    return plan_of_path(Path(scene), out, plugins)
+
+
+def run_sweep(plan: Plan, folder: Path, execution: Execution, progress: Any) -> None:
+    """Run a sweep until it is done, or Ctrl-C. Raises OutputError and Interrupted."""
+    with reporting(progress, plan.title) as report, stop_on_ctrl_c() as stop:
+        execute_sweep(plan, folder, replace(execution, report=report, stop=stop))
 
 
 def plan_of_path(path: Path, out: Path | None, plugins: Iterable[str | Path] = ()) -> tuple[Plan, Path]:
-    """Return the plan of a sweep file, or that of a sweep's folder, and the folder. Raises InputError."""
+    """Return the plan of a sweep file, or that of a sweep's folder, and the folder. Raises InputError, UsageError for a scene."""
     if is_sweep_folder(path):
         folder, document = sweep_folder(path), read_document(path)
         if "study" in document:
@@ -90,28 +71,18 @@ def plan_of_path(path: Path, out: Path | None, plugins: Iterable[str | Path] = (
         return make_plan(scene, saved_definition(document), folder, files), folder
     if os.path.isdir(path):
         raise InputError(Fault("", "is no folder of a sweep", str(path)))
+    if path.is_file() and not is_sweep(path):
+        raise UsageError(f"{path}: is a scene", python="; give `vary`, or a sweep file",
+                         command="; say what to vary: --vary KEY=FROM:TO:COUNT, or give a sweep file")  # fmt: skip
     definition, folder = read_sweep(path), out or FOLDER / path.stem
     file = definition.folder / definition.tables.scene  # relative to the sweep file
     if not os.path.exists(file):
-        raise InputError(definition.fault(("scene",), f"{file}: no such file"))
+        raise InputError(definition.source.fault(("scene",), f"{file}: no such file"))
     return make_plan(Scene.load(file, plugins), definition, folder, plugins), folder
 
 
-@dataclass(frozen=True)
-class SweepArguments:
-    """Arguments of the command: `path` of a sweep file, a scene with `vary`, or the folder of a sweep."""
-
-    path: Path
-    out: Path | None
-    vary: Sequence[str]
-    settings: dict[str, str]
-    options: dict[str, Any]
-    plugins: Sequence[Path]
-
-
-def sweep_command(arguments: SweepArguments, execution: Execution, dry_run: bool, quiet: bool, json: bool) -> None:
+def sweep_command(plan: Plan, folder: Path, execution: Execution, dry_run: bool, quiet: bool, json: bool) -> None:
     """Run `thirdbody sweep`. Raises ThirdbodyError; GuardStop where every point failed."""
-    plan, folder = plan_of_arguments(arguments)
     if dry_run:
         print_estimate(plan, estimate(plan, execution.workers), json)
         return
@@ -120,43 +91,40 @@ def sweep_command(arguments: SweepArguments, execution: Execution, dry_run: bool
         if not quiet:
             print_line(text, err=True)
 
-    problem: Interrupted | None = None
     with stop_on_signal() as stop:
         try:
             with reporting(not quiet, plan.title) as report:
                 execute_sweep(plan, folder, replace(execution, report=report, log=log, stop=stop))
-        except Interrupted as error:
-            problem = error
-        print_sweep(SweepTable(folder), json)
-        if problem is not None:
-            raise problem
-    points = SweepTable(folder).points
-    if not any(point.status == DONE for point in points):
+        except Interrupted:
+            print_sweep(SweepTable(folder), json)
+            raise
+        table = SweepTable(folder)
+        print_sweep(table, json)
+    if not any(point.status == DONE for point in table.points):
         failure = GuardStop(f"{folder}: every point failed")
-        failure.exit_code = points[0].exit_code or failure.exit_code
+        failure.exit_code = table.points[0].exit_code or failure.exit_code
         raise failure
 
 
-def plan_of_arguments(arguments: SweepArguments) -> tuple[Plan, Path]:
-    """Return the plan that the arguments describe, and its folder. Raises UsageError and InputError."""
-    path, vary = arguments.path, arguments.vary
+def plan_of_options(
+    path: Path, out: Path | None, vary: Sequence[str], options: Mapping[str, Any], plugins: Sequence[Path]
+) -> tuple[Plan, Path]:
+    """Return the plan of a sweep file, of a scene with `--vary`, or of the folder of a sweep, and its folder.
+
+    Raises UsageError and InputError.
+    """
     if not vary:
-        named = [*(["--set"] if arguments.settings else []), *(f"--{name.rstrip('s')}" for name in arguments.options)]
-        if named:
-            raise UsageError(f"{', '.join(named)}: only with --vary; in a sweep file these are keys")
-        if not is_sweep_folder(path) and os.path.isfile(path) and not is_sweep(path):
-            raise UsageError(f"{path}: is a scene; say what to vary: --vary KEY=FROM:TO:COUNT, or give a sweep file")
-        if is_sweep_folder(path) and arguments.out is not None:
-            raise UsageError(f"-o {arguments.out}: a sweep goes on in its own folder, {path}")
-        return plan_of_path(path, arguments.out, arguments.plugins)
+        flags = {"settings": "--set", "results": "--result"}
+        if options:
+            named = ", ".join(flags.get(name, f"--{name}") for name in options)
+            raise UsageError(f"{named}: only with --vary; in a sweep file these are keys")
+        if is_sweep_folder(path) and out is not None:
+            raise UsageError(f"-o {out}: a sweep goes on in its own folder, {path}")
+        return plan_of_path(path, out, plugins)
     if path.is_file() and is_sweep(path):
         raise UsageError(f"{path}: is a sweep file; --vary goes with a scene")
-    settings = {key: toml_value(value) for key, value in arguments.settings.items()}
-    options = arguments.options | ({"settings": settings} if settings else {})
-    definition = sweep_of_options(os.fspath(path), vary, options)
-    scene = Scene.load(path, arguments.plugins)
-    folder = arguments.out or FOLDER / path.stem
-    return make_plan(scene, definition, folder, arguments.plugins), folder
+    definition, folder = sweep_of_options(os.fspath(path), vary, options), out or FOLDER / path.stem
+    return make_plan(Scene.load(path, plugins), definition, folder, plugins), folder
 
 
 def print_sweep(sweep: SweepTable, json: bool) -> None:
@@ -164,17 +132,15 @@ def print_sweep(sweep: SweepTable, json: bool) -> None:
     if json:
         from thirdbody.report.tables import print_json
 
-        listed = [{name: value for name, value in vars(point).items() if name != "opened"} for point in sweep.points]
-        rows = [row | {"folder": str(row["folder"])} for row in listed]
+        names = ("number", "values", "status", "reason", "exit_code", "seconds", "results")
+        rows = [{name: getattr(point, name) for name in names} | {"folder": str(point.folder)} for point in sweep.points]
         print_json({"title": sweep.title, "axes": sweep.axes, "units": sweep.results, "points": rows})
         return
-    done = sum(point.status == DONE for point in sweep.points)
     failed = [point for point in sweep.points if point.status == FAILED]
     for point in failed[:REPORTED]:
         values = ", ".join(f"{key} = {value}" for key, value in point.values.items())
         print_line(f"point {point.number} ({values}) failed: {point.reason}", err=True)
     if len(failed) > REPORTED:
         print_line(f"and {len(failed) - REPORTED} more failed points", err=True)
-    print_line(
-        f"{done} of {len(sweep.points)} points done{f', {len(failed)} failed' if failed else ''}: {sweep.path / 'points.csv'}"
-    )
+    done, more = sum(point.status == DONE for point in sweep.points), f", {len(failed)} failed" if failed else ""
+    print_line(f"{done} of {len(sweep.points)} points done{more}: {sweep.path / TABLE}")

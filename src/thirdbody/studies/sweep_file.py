@@ -14,16 +14,14 @@ from pydantic import ValidationError
 
 from thirdbody.errors import Fault, InputError
 from thirdbody.scene.settings import toml_value
-from thirdbody.schema.fields import Choice, Count, Seed, Text, Whole, listing
-from thirdbody.schema.parts import MISSING, Location, Part, Wrong, wrongs_of
-from thirdbody.schema.read import Source, read_text, read_toml
-from thirdbody.schema.write import toml_value_text
-from thirdbody.studies.axes import SAMPLED, Axis, Column, Settings, design_fault, read_column, settings_of_points
+from thirdbody.schema.fields import Count, Seed, Text, Whole, listing
+from thirdbody.schema.parts import Location, Part, Wrong, wrongs_of
+from thirdbody.schema.read import Source, read_text, read_toml, with_version
+from thirdbody.studies.axes import SAMPLED, Axis, Column, Settings, design_faults, read_column, settings_of_points
 from thirdbody.studies.results import DEFAULT
 
 VERSION = 1
-SET_BY = ("vary", "together", "points")
-"""Keys that give the points: at least one of the first two, or the third."""
+SET_BY = ("vary", "together", "points")  # keys that give the points: at least one of the first two, or the third
 
 _HEADING = re.compile(r"(?P<key>[^\[]+?)\s*(?:\[(?P<unit>[^\]]*)\])?")
 _INDEX = re.compile(r"\[(\d+)\]")
@@ -53,7 +51,7 @@ class SweepFile(Part):
     """
     points: Text | None = None
     """CSV file of points, instead of axes: keys in its header, a row per point. Example: "points.csv"."""
-    design: Annotated[Literal["grid", "zip", "sobol", "latin_hypercube"], Choice()] = "grid"
+    design: Literal["grid", "zip", "sobol", "latin_hypercube"] = "grid"
     """All combinations, values side by side, or samples. Example: "sobol"."""
     samples: Count | None = None
     """Number of points of a sampled design. Example: 64."""
@@ -61,7 +59,7 @@ class SweepFile(Part):
     """Seed of a sampled design. Example: 1."""
     results: Annotated[tuple[Text, ...], listing("a list of names")] = DEFAULT
     """Columns of the table. Example: ["friction_coefficient", "peak_pressure"]."""
-    keep: Annotated[Literal["all", "summary"], Choice()] = "all"
+    keep: Literal["all", "summary"] = "all"
     """What stays of each run: all of it, or its results only. Example: "summary"."""
 
     @classmethod
@@ -85,23 +83,11 @@ class Definition:
     from_file: bool
     design: str
 
-    def setting(self, key: str, value: Any) -> Any:
-        """Return a value as `Scene.with_settings` takes it: in a file a bare number has no unit, in Python it is in SI."""
-        return toml_value_text(value, key) if self.from_file else value
-
-    def fault(self, location: Location, text: str) -> Fault:
-        """Return a fault with file, line and column."""
-        return self.source.fault(location, text)
-
 
 def read_sweep(path: Path) -> Definition:
     """Return the sweep in a TOML file. Raises InputError with all faults of its own; the scene is not read."""
     document, source = read_toml(read_text(path), str(path))
-    wrongs: list[Wrong] = []
-    if "sweep" not in document:
-        document["sweep"] = VERSION
-        wrongs.append((("sweep",), f"{MISSING}: write sweep = {VERSION}"))
-    return _definition(document, source, path.parent, wrongs, from_file=True)
+    return _definition(document, source, path.parent, with_version(document, "sweep", VERSION), from_file=True)
 
 
 def is_sweep(path: Path) -> bool:
@@ -174,9 +160,8 @@ def _definition(
         wrongs.append((location, text))
 
     axes = tuple(_axes(tables, report))
-    if not wrongs and not tables.points and (lack := design_fault(tables.design, axes, tables.samples)):
-        key, _, text = lack.partition(": ")
-        report((key,), text)
+    if not wrongs and not tables.points:
+        wrongs += design_faults(tables.design, axes, tables.samples)
     if wrongs:
         raise InputError(source.in_order(wrongs))
     if tables.points and not points and from_file:
@@ -193,32 +178,26 @@ def _definition(
 
 def _axes(tables: SweepFile, report: Any) -> Iterator[Axis]:
     sampled, used = tables.design in SAMPLED, set[str]()
-    for location, key, given in _leaves(tables.vary, ("vary",)):
-        names = [name.strip() for name in key.split(",")]
-        yield tuple(_once(read_column(name, given, location, report, sampled), used, report) for name in names)
-    for number, table in enumerate(tables.together):
-        group: Location = ("together", number)
+    groups: list[tuple[Location, Any]] = [(("vary",), [leaf]) for leaf in _leaves(tables.vary, ("vary",))]
+    groups += [(("together", k), _leaves(table, ("together", k))) for k, table in enumerate(tables.together)]
+    for group, leaves in groups:
         columns = [
-            _once(read_column(name.strip(), given, location, report, sampled), used, report)
-            for location, key, given in _leaves(table, group)
+            read_column(name.strip(), given, location, report, sampled)
+            for location, key, given in leaves
             for name in key.split(",")
         ]
+        for column in columns:
+            if column.key in used:
+                report(column.location, f"{column.key} is varied twice")
+            used.add(column.key)
+        counts = {column.key: column.count for column in columns if column.values != ()}
         if not columns:
             report(group, "expected keys that move together")
-            continue
-        counts = {column.key: column.count for column in columns if column.values != ()}
-        if len(set(counts.values())) > 1:
+        elif len(set(counts.values())) > 1:
             listed = ", ".join(f"{count or 'sampled'} values of {key}" for key, count in counts.items())
             report(group, f"moved together, but with {listed}")
-        yield tuple(columns)
-
-
-def _once(column: Column, used: set[str], report: Any) -> Column:
-    """Return the column; a key that is varied twice is a fault."""
-    if column.key in used:
-        report(column.location, f"{column.key} is varied twice")
-    used.add(column.key)
-    return column
+        else:
+            yield tuple(columns)
 
 
 def _leaves(table: Mapping[str, Any], location: Location, path: str = "") -> Iterator[tuple[Location, str, Any]]:
@@ -241,7 +220,7 @@ def read_points(path: Path) -> list[Settings]:
     A unit stands in the header, or units in the cells. Raises InputError with all faults.
     """
     rows = list(csv.reader(io.StringIO(read_text(path))))
-    if not rows or len(rows) < 2:
+    if len(rows) < 2:
         raise InputError(Fault("", "expected a header with keys of the scene, and a row for each point", str(path)))
     headings = []
     for text in rows[0]:  # `plates.upper.load [mN]`; `pairs[0].friction` is a key as well
@@ -258,13 +237,9 @@ def read_points(path: Path) -> list[Settings]:
         if len(row) != len(headings):
             faults.append(Fault("", f"{len(row)} cells, the header has {len(headings)}", str(path), line))
             continue
-        point: Settings = {}
-        for (key, unit), cell in zip(headings, cells, strict=True):
-            if not cell:
-                faults.append(Fault(key, "the cell is empty", str(path), line))
-            else:
-                point[key] = f"{cell} {unit}" if unit else toml_value(cell)
-        points.append(point)
+        pairs = list(zip(headings, cells, strict=True))
+        faults += [Fault(key, "the cell is empty", str(path), line) for (key, _), cell in pairs if not cell]
+        points.append({key: f"{cell} {unit}" if unit else toml_value(cell) for (key, unit), cell in pairs if cell})
     if faults:
         raise InputError(faults)
     return points

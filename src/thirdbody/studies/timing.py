@@ -8,6 +8,7 @@ import platform
 import statistics
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -20,8 +21,7 @@ if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
     from thirdbody.engine.state import State
 
-EMPTY = 50
-"""Number of timed calls that do nothing, for the cost of a call."""
+EMPTY = 50  # number of timed calls that do nothing, for the cost of a call
 
 LONE, FLOOR, FEW = 0.5, 0.03, 5
 """Relative uncertainties of timings.
@@ -31,51 +31,29 @@ may be chance, and the whole range is used, since quartiles mean nothing. Repeat
 memory alone changes times by some per cent.
 """
 
-NUDGE = 1e-9
-"""Standard deviation of the displacements of a start, in parts of a body's size, and of the rotations [rad]."""
-
+NUDGE = 1e-9  # standard deviation of the displacements of a start, in parts of a body's size, and of the rotations [rad]
+# Widths of vector registers [bits] by how they are named in assembly, the widest first.
 REGISTERS = {"%zmm": 512, "%ymm": 256, "%xmm": 128, ".4s": 128}
-"""Widths of vector registers [bits] by how they are named in assembly, the widest first."""
-
+# A vector sum as LLVM source: its assembly contains the widest registers of a kind of core.
 SUM = "define <16 x float> @add(<16 x float> %a, <16 x float> %b) { %c = fadd <16 x float> %a, %b\n ret <16 x float> %c }"
-"""A vector sum as LLVM source: its assembly contains the widest registers of a kind of core."""
-
-CACHES = Path("/sys/devices/system/cpu/cpu0/cache")
-"""Folder in which Linux describes the caches of a core."""
+CACHES = Path("/sys/devices/system/cpu/cpu0/cache")  # folder in which Linux describes the caches of a core
 
 
 class Late(Exception):
     """The time limit of one run is exceeded."""
 
 
-class Clock:
-    """Wall and processor seconds between `start` and `stop`, with pauses."""
+def attach(integrator: Any) -> Callable[[], float]:
+    """Return a function for the processor seconds in which the integrator advances, without those in which a run is observed."""
+    spent, advance = 0.0, integrator.advance_to
 
-    def __init__(self) -> None:
-        self.wall = self.cpu = 0.0
-
-    def start(self) -> None:
-        """Start or continue."""
-        self.wall -= time.perf_counter()
-        self.cpu -= time.process_time()
-
-    def stop(self) -> None:
-        """Stop."""
-        self.cpu += time.process_time()
-        self.wall += time.perf_counter()
-
-    def aside(self, act: Callable[[], Any]) -> None:
-        """Call a function without counting its time."""
-        self.stop()
+    def uncounted(act: Callable[[], None]) -> None:
+        nonlocal spent
+        spent += time.process_time()
         try:
             act()
         finally:
-            self.start()
-
-
-def attach(integrator: Any) -> Clock:
-    """Return a clock that runs while the integrator advances, and pauses while the run is observed."""
-    clock, advance = Clock(), integrator.advance_to
+            spent -= time.process_time()
 
     def timed(
         until: float = math.inf,
@@ -83,14 +61,15 @@ def attach(integrator: Any) -> Clock:
         watch: Callable[[], None] = lambda: None,
         between: Callable[[], None] = lambda: None,
     ) -> None:
-        clock.start()
+        nonlocal spent
+        spent -= time.process_time()
         try:
-            advance(until, distance, lambda: clock.aside(watch), lambda: clock.aside(between))
+            advance(until, distance, lambda: uncounted(watch), lambda: uncounted(between))
         finally:
-            clock.stop()
+            spent += time.process_time()
 
     integrator.advance_to = timed
-    return clock
+    return lambda: spent
 
 
 def bare(built: Simulation, limit: float) -> tuple[float, float]:
@@ -116,22 +95,22 @@ def bare(built: Simulation, limit: float) -> tuple[float, float]:
 
     if advance is not None:
         integrator.advance_islands = counted
-    clock = Clock()
-    clock.start()
-    settling = Settling(built, lambda: None)
+    began, settling = _now(), Settling(built, lambda: None)
     for target in targets(built):
         settling.advance(target, lambda until, distance: integrator.advance_to(until, distance, watch))
-    clock.stop()
-    if not calls:
-        return clock.wall, clock.cpu
-    each = [Clock() for _ in range(EMPTY)]
-    for one in each:
-        one.start()
-        advance(0, 1, built.state.time)  # type: ignore[misc]  # body 0 is there already
-        one.stop()
-    # medians, to exclude disturbances
-    wall, cpu = statistics.median(one.wall for one in each), statistics.median(one.cpu for one in each)
-    return clock.wall - calls * wall, clock.cpu - calls * cpu
+    spent = _now() - began
+    if calls:
+        each = []
+        for _ in range(EMPTY):
+            began = _now()
+            advance(0, 1, built.state.time)  # type: ignore[misc]  # body 0 is there already
+            each.append(_now() - began)
+        spent -= calls * np.median(each, axis=0)  # medians, to exclude disturbances
+    return float(spent[0]), float(spent[1])
+
+
+def _now() -> np.ndarray:
+    return np.array([time.perf_counter(), time.process_time()])
 
 
 def rate(built: Simulation, limit: float) -> float:
@@ -210,8 +189,12 @@ def machine() -> dict[str, Any]:
     llvm.initialize_native_asmprinter()
     compiler = llvm.Target.from_default_triple().create_target_machine(cpu=target, features=features)
     assembly = compiler.emit_assembly(llvm.parse_assembly(SUM))
+    cpu = platform.processor() or "unknown"
+    with suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        cpu = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), cpu)
     return {
-        "cpu": _processor(),
+        "cpu": cpu,
         "core": own,
         "code_for": target,
         "vector_bits": next((REGISTERS[name] for name in REGISTERS if name in assembly), 64),
@@ -227,34 +210,22 @@ def machine() -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.processor() or "unknown"
-    return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), "unknown")
-
-
 def _caches() -> dict[str, dict[str, int]]:
     """Return level -> KiB and number of cores that share it, of the data caches of a core; empty if the system hides them."""
     sizes: dict[str, dict[str, int]] = {}
     for folder in sorted(CACHES.glob("index*")):
-        try:
-            level, kind, size, shared = (
-                (folder / name).read_text().strip() for name in ("level", "type", "size", "shared_cpu_list")
-            )
-        except OSError:
-            continue
-        if kind != "Instruction":
-            ends = [part.split("-") for part in shared.split(",") if part]  # such as 0-3,8
-            number = sum(int(pair[-1]) - int(pair[0]) + 1 for pair in ends)
-            sizes[f"L{level}"] = {"KiB": int(size.removesuffix("K")), "cores": number}
+        with suppress(OSError):
+            names = ("level", "type", "size", "shared_cpu_list")
+            level, kind, size, shared = ((folder / name).read_text().strip() for name in names)
+            if kind != "Instruction":
+                ends = [part.split("-") for part in shared.split(",") if part]  # such as 0-3,8
+                number = sum(int(pair[-1]) - int(pair[0]) + 1 for pair in ends)
+                sizes[f"L{level}"] = {"KiB": int(size.removesuffix("K")), "cores": number}
     return sizes
 
 
 def described(report: dict[str, Any]) -> str:
     """Return the processor of a report of `machine` in one line, with its kind of core, vectors and caches."""
     core = report["core"] if report["code_for"] == report["core"] else f"{report['core']}, code for {report['code_for']}"
-    vectors = f"{report['vector_bits']}-bit vectors"
-    sizes = [f"{level} {cache['KiB']} KiB" for level, cache in report["caches"].items()]
-    return f"{report['cpu']} ({', '.join([core, vectors, *sizes])})"
+    sizes = [f", {level} {cache['KiB']} KiB" for level, cache in report["caches"].items()]
+    return f"{report['cpu']} ({core}, {report['vector_bits']}-bit vectors{''.join(sizes)})"

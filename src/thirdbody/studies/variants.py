@@ -12,35 +12,21 @@ from thirdbody.scene.speed import at_speed
 from thirdbody.scene.tables import IMPLICIT_KEYS
 from thirdbody.studies.timing import NUDGE
 
-Law = tuple[str, int | None]
-"""Level and its springs."""
-
-Code = tuple[str, str]
-"""Settings of the contact in words, and the integrator: variants with the same have the same compiled laws."""
-
-SPRINGS = (8, 16, 32, 64, 128)
-"""Springs of a level that has that option."""
-
+Law = tuple[str, int | None]  # level and its springs
+Code = tuple[str, str]  # settings of the contact in words, and the integrator: variants with the same have the same compiled laws
+SPRINGS = (8, 16, 32, 64, 128)  # springs of a level that has that option
+# Factors on the time step, or on the tolerance of a step: the length of an implicit step goes as its square root.
 FACTORS = {"explicit": (4.0, 2.0, 0.5, 0.25), "implicit": (16.0, 4.0, 0.25, 0.0625)}
-"""Factors on the time step, or on the tolerance of a step: the length of an implicit step goes as its square root."""
-
+# The same with the finest law, between its own step and that of the reference: there only the step has an error.
 FINE = {"explicit": (2.0, 0.5), "implicit": (4.0, 0.25)}
-"""The same with the finest law, between its own step and that of the reference: there only the step has an error."""
-
-FINEST = {"explicit": 0.25, "implicit": 1.0 / 64.0}
-"""The same of the reference."""
-
+FINEST = {"explicit": 0.25, "implicit": 1.0 / 64.0}  # the same of the reference
+# Factors on the speed of the upper plate of a bed; the slower one tells what the scene's own speed costs in accuracy.
 SPEEDS = (9.0, 3.0, 1.0 / 3.0)
-"""Factors on the speed of the upper plate of a bed; the slower one tells what the scene's own speed costs in accuracy."""
-
+# Number of runs of the scene's own variant from displaced starts: with the run itself three pairs tell how far runs part.
 NUDGED = 2
-"""Number of runs of the scene's own variant from displaced starts: with the run itself three pairs tell how far runs part."""
-
-UNTIMED = ("reference", "nudged")
-"""Axes of the variants that are only run, for errors."""
-
+UNTIMED = ("reference", "nudged")  # axes of the variants that are only run, for errors
+# The same for the integrator that the scene does not use; 1 leaves it to its default.
 AROUND = {"explicit": (1.0, 2.0, 0.5), "implicit": (1.0, 4.0, 0.25)}
-"""The same for the integrator that the scene does not use; 1 leaves it to its default."""
 
 CURVES = {"nodes": 96}
 """Options of the finest law that resolve slip on curved paths, for the variants with the reference's law.
@@ -128,12 +114,10 @@ class Costs:
 
     def of(self, variant: Variant) -> float:
         """Return the expected seconds of a variant: proportional to the number of steps, measured for its law or estimated."""
-        own = (self.base.level, self.base.springs)
-        seconds = self.laws.get(self.key(variant), math.nan)
-        if math.isnan(seconds) and variant.integrator != self.base.kind:
-            seconds = self.other
-        elif math.isnan(seconds):
-            seconds = self.own * self._usual(variant.law) / self._usual(own)
+        seconds = self.other
+        if variant.integrator == self.base.kind:
+            seconds = self.own * self._usual(variant.law) / self._usual((self.base.level, self.base.springs))
+        seconds = self.laws.get(self.key(variant), seconds)
         seconds /= min(variant.speed, 1.0)  # a faster plate saves nothing while the debris settles
         return seconds / (variant.factor if variant.integrator == "explicit" else variant.factor**0.5)
 
@@ -173,8 +157,8 @@ def variants_of(scene: Scene, family: LawFamily, base: Base) -> list[Variant]:
 
     variants = [variant("law", law, base.kind) for law in laws]
     variants += [variant("step", own, base.kind, factor) for factor in FACTORS[base.kind]]
-    known = other == "implicit" or not math.isnan(base.step)
-    variants += [variant("integrator", own, other, factor) for factor in (AROUND[other] if known else (1.0,))]
+    factors = (1.0,) if other == "explicit" and math.isnan(base.step) else AROUND[other]
+    variants += [variant("integrator", own, other, factor) for factor in factors]
     variants += _speeds(variant("speed", own, base.kind), scene) if base.sheared_bed else []
     if base.meets:
         same = variant("nudged", own, base.kind)
@@ -189,14 +173,16 @@ def variants_of(scene: Scene, family: LawFamily, base: Base) -> list[Variant]:
 
 def _speeds(own: Variant, scene: Scene) -> list[Variant]:
     """Return a variant at other speeds of the upper plate, but for those that the scene cannot have."""
-    variants = []
+
+    def keys(entry: Scene) -> dict[str, Any]:
+        document = entry.document()
+        tables = {"plates.upper": document["plates"]["upper"], "solver": document["solver"], "output": document["output"]}
+        return {f"{table}.{key}": value for table, values in tables.items() for key, value in values.items()}
+
+    variants, before = [], keys(scene)
     for speed in SPEEDS:
-        old, new = (entry.document() for entry in (scene, at_speed(scene, speed)))
-        tables = {"plates.upper": (old["plates"]["upper"], new["plates"]["upper"])}
-        tables |= {table: (old[table], new[table]) for table in ("solver", "output")}
-        changes = dict(own.changes)
-        for table, (before, after) in tables.items():
-            changes |= {f"{table}.{key}": value for key, value in after.items() if before.get(key) != value}
+        after = keys(at_speed(scene, speed))
+        changes = {**own.changes, **{key: value for key, value in after.items() if before.get(key) != value}}
         try:
             scene.with_settings(changes)
         except InputError:  # a wanted inertial number beyond its range

@@ -2,7 +2,6 @@
 
 import ctypes
 import importlib
-import importlib.util
 import os
 import sys
 import threading
@@ -59,29 +58,19 @@ def _without_current_folder(folders: Iterable[str]) -> list[str]:
     return [os.path.abspath(folder) for folder in folders if folder and os.path.realpath(folder) != current]
 
 
-def import_file(name: str, path: Path) -> ModuleType:
-    """Import the file as the module `name`; a failed one is removed. Raises ImportError, and what the file raises."""
-    spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None:
+def import_file(name: str, path: Path, code: str | bytes | None = None) -> ModuleType:
+    """Import the file as the module `name`, without Python's own file cache, which may be damaged; a failed one is removed.
+
+    `code`: its content, where that is known. Raises ImportError, and what the file raises.
+    """
+    if path.suffix != ".py":
         raise ImportError(f"{path}: not a Python file")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    try:
-        spec.loader.exec_module(module)
-    except BaseException:
-        del sys.modules[name]
-        raise
-    return module
-
-
-def import_text(name: str, path: Path, text: str) -> ModuleType:
-    """Import a text as the module `name` of the file that holds it, without Python's own file cache, which may be damaged."""
     module = ModuleType(name)
     module.__file__ = str(path)
-    code = compile(text, str(path), "exec")
+    compiled = compile(path.read_bytes() if code is None else code, str(path), "exec")
     sys.modules[name] = module
     try:
-        exec(code, vars(module))
+        exec(compiled, vars(module))
     except BaseException:
         del sys.modules[name]
         raise

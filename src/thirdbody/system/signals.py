@@ -3,9 +3,8 @@
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from types import FrameType
 
 from thirdbody.errors import Interrupted
 
@@ -13,8 +12,8 @@ HANGUP = getattr(signal, "SIGHUP", None)  # not on Windows
 
 
 @contextmanager
-def stop_on_signal() -> Iterator[Callable[[], bool]]:
-    """Let Ctrl-C, SIGTERM and SIGHUP end a run between two compiled calls; yield a function that returns whether one came.
+def stop_on_signal(numbers: Iterable[int | None] = (signal.SIGINT, signal.SIGTERM, HANGUP)) -> Iterator[Callable[[], bool]]:
+    """Let signals end a run between two compiled calls; yield a function that returns whether one came.
 
     A second Ctrl-C or SIGTERM ends at once. A hangup may arrive twice (from the kernel and from the shell), and stays ignored
     where it is ignored (`nohup`).
@@ -34,10 +33,8 @@ def stop_on_signal() -> Iterator[Callable[[], bool]]:
         caught.append(number)
 
     terminals = [number for number in (0, 1, 2) if os.isatty(number)]
-    numbers = [signal.SIGINT, signal.SIGTERM]
-    if HANGUP is not None and signal.getsignal(HANGUP) != signal.SIG_IGN:
-        numbers.append(HANGUP)
-    before = {number: signal.signal(number, note) for number in numbers}
+    handled = [number for number in numbers if number and (number != HANGUP or signal.getsignal(number) != signal.SIG_IGN)]
+    before = {number: signal.signal(number, note) for number in handled}
     try:
         yield lambda: bool(caught)
     except Interrupted as error:
@@ -51,25 +48,9 @@ def stop_on_signal() -> Iterator[Callable[[], bool]]:
 
 @contextmanager
 def stop_on_ctrl_c() -> Iterator[Callable[[], bool]]:
-    """Let Ctrl-C end a run between two compiled calls, and a second one at once.
-
-    Only in the main thread and with Python's default handler: a program's own handler stays in place.
-    """
-    caught: list[int] = []
-
-    def note(number: int, frame: FrameType | None) -> None:
-        if caught:
-            raise KeyboardInterrupt
-        caught.append(number)
-
-    usual = signal.default_int_handler
-    ours = threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) is usual
-    if ours:
-        signal.signal(signal.SIGINT, note)
-    try:
-        yield lambda: bool(caught)
-    finally:
-        if ours:
-            signal.signal(signal.SIGINT, usual)
-    if caught:  # too late to stop anything here, but code after the run must end as well
+    """Let Ctrl-C alone do so; only in the main thread and with Python's default handler: a program's own stays in place."""
+    usual = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    with stop_on_signal((signal.SIGINT,) if usual and threading.current_thread() is threading.main_thread() else ()) as stop:
+        yield stop
+    if stop():  # too late to stop anything here, but code after the run must end as well
         raise KeyboardInterrupt

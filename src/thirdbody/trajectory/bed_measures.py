@@ -41,57 +41,33 @@ class BedMeasures:
         Means over the output interval: pressure P on the plates [Pa], velocities of the bodies (n, 3) [m/s]; the gap [m] and the
         elastic energy [J] now.
         """
-        bed, number = gap >= LAYERS * self.median, math.nan
+        s, bed, number = self.state, gap >= LAYERS * self.median, math.nan
+        v, heights, mass = s.bodies.velocity, s.bodies.position[:, 2], self.mass
         if bed and P > 0.0:
-            zone = shear_zone(self.state.bodies.position[:, 2], velocities, self.mass, self.median)
+            zone = shear_zone(heights, velocities, mass, self.median)
             number = math.nan if zone is None else inertial_number(zone.rate, self.median, self.density, P)
-        sides = self.state.slots.sides[self._loaded()]
+        loaded = np.flatnonzero((s.slots.histories.slip > 0.0) & (s.slots.records.normal_force > 0.0))
+        R, sides = s.slots.R[loaded], s.slots.sides[loaded]
+        overlap = math.nan
+        if len(loaded):
+            radius, other = R[:, record.SPHERE_RADIUS], R[:, record.PARTNER_RADIUS]
+            overlap = float(np.mean(R[:, record.OVERLAP] / np.where(other > 0.0, np.minimum(radius, other), radius)))
+        v = v - np.average(v, axis=0, weights=mass)  # relative to the mean flow; in a layer, to the mean velocity
+        v = v - _mean_flow(heights, v, mass) if bed else v
+        spinning = np.sum(s.E[:, body_extra.ANGULAR_MOMENTUM3] * s.B[:, body.SPIN3])
+        kinetic = 0.5 * float(mass @ np.sum(v**2, axis=1) + spinning)
+        margin, (l_x, l_y) = min(self.largest, CORE * gap), s.world.size
+        inside = self._volume_below(gap - margin) - self._volume_below(margin) if bed else np.zeros(0)
         return {
             "inertial_number": number,
             "inertial_number_largest": number * self.largest / self.median,
             "softness": softness(self.modulus, P) if P > 0.0 else math.nan,
-            "overlap_ratio": self._overlap_ratio(),
-            "unbalanced_force": self._unbalanced_force(),
-            "kinetic_energy_ratio": self._fluctuation_energy(bed) / elastic if elastic > 0.0 else math.nan,
-            "coordination_number": (len(sides) + np.count_nonzero(sides == DEBRIS)) / self.state.n_bodies,
-            "solid_fraction": self._solid_fraction(gap) if bed else math.nan,
+            "overlap_ratio": overlap,
+            "unbalanced_force": unbalanced_force(s, loaded),
+            "kinetic_energy_ratio": kinetic / elastic if elastic > 0.0 else math.nan,
+            "coordination_number": (len(sides) + np.count_nonzero(sides == DEBRIS)) / s.n_bodies,
+            "solid_fraction": float(inside.sum() / (l_x * l_y * (gap - 2.0 * margin))) if bed else math.nan,
         }
-
-    def _loaded(self) -> NDArray[np.int64]:
-        slots = self.state.slots
-        return np.flatnonzero((slots.histories.slip > 0.0) & (slots.records.normal_force > 0.0))
-
-    def _overlap_ratio(self) -> float:
-        R = self.state.slots.R[self._loaded()]
-        radius, partner = R[:, record.SPHERE_RADIUS], R[:, record.PARTNER_RADIUS]
-        smaller = np.where(partner > 0.0, np.minimum(radius, partner), radius)
-        return float(np.mean(R[:, record.OVERLAP] / smaller)) if len(R) else math.nan
-
-    def _unbalanced_force(self) -> float:
-        s, loaded = self.state, self._loaded()
-        if not len(loaded):
-            return math.nan
-        R = s.slots.R[loaded]
-        contact = np.hypot(R[:, record.NORMAL_FORCE], np.linalg.norm(R[:, record.TANGENTIAL_FORCE3], axis=1))
-        owner, partner = s.body[s.slots.own[loaded]], s.slots.partner[loaded]
-        carrying = np.union1d(owner, s.body[partner[partner >= 0]])
-        return float(np.linalg.norm(s.B[carrying, body.FORCE3], axis=1).mean() / contact.mean())
-
-    def _fluctuation_energy(self, bed: bool) -> float:
-        """Return the kinetic energy [J] of the bodies relative to the mean flow; in a layer, to their mean velocity."""
-        s = self.state
-        v = s.bodies.velocity - np.average(s.bodies.velocity, axis=0, weights=self.mass)
-        if bed:
-            v = v - _mean_flow(s.bodies.position[:, 2], v, self.mass)
-        spinning = np.sum(s.E[:, body_extra.ANGULAR_MOMENTUM3] * s.B[:, body.SPIN3])
-        return 0.5 * float(self.mass @ np.sum(v**2, axis=1) + spinning)
-
-    def _solid_fraction(self, gap: float) -> float:
-        """Return the volume of bodies over that of the core: the bed without a largest diameter at each plate."""
-        margin = min(self.largest, CORE * gap)
-        inside = self._volume_below(gap - margin) - self._volume_below(margin)
-        l_x, l_y = self.state.world.size
-        return float(inside.sum() / (l_x * l_y * (gap - 2.0 * margin)))
 
     def _volume_below(self, height: float) -> Array:
         """Return the volume of each body below a height [m3]: of its whole volume the same fraction as of its spheres'."""
@@ -100,6 +76,16 @@ class BedMeasures:
         depth = np.clip(height - s.spheres.position[:, 2] + radius, 0.0, 2.0 * radius)
         below = np.add.reduceat(depth**2 * (3.0 * radius - depth), s.start[:-1])
         return self.volume * below / np.add.reduceat(4.0 * radius**3, s.start[:-1])
+
+
+def unbalanced_force(s: State, loaded: NDArray[np.int64]) -> float:
+    """Return the mean total force on the bodies of loaded contacts, over the mean contact force; NaN without any."""
+    if not len(loaded):
+        return math.nan
+    R, partner = s.slots.R[loaded], s.slots.partner[loaded]
+    contact = np.hypot(R[:, record.NORMAL_FORCE], np.linalg.norm(R[:, record.TANGENTIAL_FORCE3], axis=1))
+    carrying = np.union1d(s.body[s.slots.own[loaded]], s.body[partner[partner >= 0]])
+    return float(np.linalg.norm(s.B[carrying, body.FORCE3], axis=1).mean() / contact.mean())
 
 
 def _mean_flow(heights: Array, velocities: Array, masses: Array) -> Array:

@@ -36,9 +36,6 @@ class Storage(NamedTuple):
     compress: bool = False
 
 
-PLAIN = Storage()
-
-
 class Column:
     """Growing data set, by low-level calls: about 5 times cheaper than `dataset[n:] = rows`."""
 
@@ -108,7 +105,7 @@ def as_numbers(name: str, values: Any, narrow: bool = False) -> np.ndarray:
 class Block:
     """Temporal PolyData block; its cells are runs of `per_cell` consecutive points, all of one kind."""
 
-    def __init__(self, group: h5py.Group, name: str, rows: int, storage: Storage = PLAIN):
+    def __init__(self, group: h5py.Group, name: str, rows: int, storage: Storage):
         self._group, self._storage = group, storage
         self._kind, self._per_cell = ("Polygons", 4) if name == "plates" else ("Vertices", 1)
         # A few frames per chunk: small files for small runs and few chunks for large ones.

@@ -40,25 +40,12 @@ def table(run: RunFile, name: str, frame: int | None = None) -> list[Column]:
     """
     if name == PROFILES and not run.profiles:
         raise AttributeError(f"{run.path}: this run has no profiles; output.profiles = 20 in its scene records some")
-    if name in BY_FRAME:
-        same = zip(*tables_by_frame(run, name, frame), strict=True)
-        return [Column(parts[0].name, parts[0].unit, np.concatenate([part.values for part in parts])) for parts in same]
     if name not in TABLES:
         raise ValueError(f"no table '{name}'; there are {', '.join(TABLES)}")
-    if frame is not None:
+    if frame is not None and name not in BY_FRAME:
         raise ValueError(f"the table of {name} is over all frames; leave `frame` out")
-    if name == CYCLES:
-        return [Column(key, CYCLE_NAMES[key].unit.replace("1", ""), values) for key, values in run.cycles.items()]
-    if name == MAP_STATISTICS:  # of the run, then of one cycle, where it has two
-        parts = {"run": run.map_statistics()} | ({"cycle": run.map_statistics(1.0)} if len(run.cycles["cycle"]) > 1 else {})
-        over = np.repeat(np.array(list(parts), object), len(parts["run"]["map"]))
-        whole = {key: np.concatenate([part[key] for part in parts.values()]) for key in parts["run"]}
-        return [Column("over", "", over), *(Column(key, "", values) for key, values in whole.items())]
-    if name == SERIES:
-        first = {key: run.series[key] for key in ("time", "distance") if key in run.series}
-        return _columns(first | run.series, {}, run.units)
-    states = run.state_names
-    return _columns(run.transitions(), {"from": states, "to": states, "reason": run.reason_names}, {})
+    same = zip(*table_parts(run, name, frame), strict=True)
+    return [Column(parts[0].name, parts[0].unit, np.concatenate([part.values for part in parts])) for parts in same]
 
 
 def tables_of(run: RunFile) -> list[str]:
@@ -68,29 +55,43 @@ def tables_of(run: RunFile) -> list[str]:
     return [name for name in TABLES if not missing.get(name)]
 
 
-def tables_by_frame(run: RunFile, name: str, frame: int | None = None) -> Iterator[list[Column]]:
-    """Yield the table of profiles, bodies or contacts frame by frame, or of one frame. Raises IndexError outside the run."""
-    numbers = [run.frame_number(frame)] if frame is not None else range(run.frame_number(-1) + 1)
-    for number in numbers:
-        names: dict[str, Sequence[str]] = {}
-        units = run.header["units"]
-        if name == PROFILES:
-            arrays, units = {key: values[number] for key, values in run.profiles.items()}, run.units
-            slabs = len(arrays[POSITION])
-            tall = {key: values.reshape(slabs, -1) if values.ndim > 1 else values for key, values in arrays.items()}
-            arrays = {"slab": np.arange(slabs)} | tall
-        elif name == BODIES:
-            arrays = run.bodies(number)
-            first = {"body": arrays.pop("id", np.arange(len(arrays[POSITION])))}
-            arrays = first | {key: arrays[key] for key in (POSITION, "state", "state_reason") if key in arrays} | arrays
-            names = {"state": run.state_names, "state_reason": run.reason_names}
-            names |= {"population": run.population_names, "material": run.material_names}
-        else:
-            arrays, names = run.contacts(number), {"side": SIDES}
-            arrays = {key: arrays[key] for key in ("body", "side", "partner", POSITION) if key in arrays} | arrays
-        columns = _columns(arrays, names, units)
-        rows = len(columns[0].values)
-        yield [Column("frame", "", np.full(rows, number)), Column("time", "s", np.full(rows, run.times[number])), *columns]
+def table_parts(run: RunFile, name: str, frame: int | None = None) -> Iterator[list[Column]]:
+    """Yield a table in parts: profiles, bodies and contacts frame by frame, or of one. Raises IndexError outside the run."""
+    if name in BY_FRAME:
+        for number in [run.frame_number(frame)] if frame is not None else range(run.frame_number(-1) + 1):
+            columns = _of_frame(run, name, number)
+            rows = len(columns[0].values)
+            yield [Column("frame", "", np.full(rows, number)), Column("time", "s", np.full(rows, run.times[number])), *columns]
+    elif name == CYCLES:
+        yield [Column(key, CYCLE_NAMES[key].unit.replace("1", ""), values) for key, values in run.cycles.items()]
+    elif name == MAP_STATISTICS:  # of the run, then of one cycle, where it has two
+        for over, cycles in (("run", None), ("cycle", 1.0))[: 1 + (len(run.cycles["cycle"]) > 1)]:
+            part = run.map_statistics(cycles)
+            what = np.full(len(part["map"]), over, object)
+            yield [Column("over", "", what), *(Column(key, "", values) for key, values in part.items())]
+    elif name == SERIES:
+        first = {key: run.series[key] for key in ("time", "distance") if key in run.series}
+        yield _columns(first | run.series, {}, run.units)
+    else:
+        states = run.state_names
+        yield _columns(run.transitions(), {"from": states, "to": states, "reason": run.reason_names}, {})
+
+
+def _of_frame(run: RunFile, name: str, number: int) -> list[Column]:
+    if name == PROFILES:
+        profiles = {key: values[number] for key, values in run.profiles.items()}
+        slabs = len(profiles[POSITION])
+        tall = {key: values.reshape(slabs, -1) if values.ndim > 1 else values for key, values in profiles.items()}
+        return _columns({"slab": np.arange(slabs)} | tall, {}, run.units)
+    names: dict[str, Sequence[str]] = {"side": SIDES}
+    if name == CONTACTS:
+        arrays, first = run.contacts(number), ["body", "side", "partner", POSITION]
+    else:
+        arrays, first = run.bodies(number), ["body", POSITION, "state", "state_reason"]
+        arrays["body"] = arrays.pop("id", np.arange(len(arrays[POSITION])))
+        names = {"state": run.state_names, "state_reason": run.reason_names}
+        names |= {"population": run.population_names, "material": run.material_names}
+    return _columns({key: arrays[key] for key in first if key in arrays} | arrays, names, run.header["units"])
 
 
 def _columns(arrays: Mapping[str, np.ndarray], names: Mapping[str, Sequence[str]], units: Mapping[str, str]) -> list[Column]:

@@ -4,7 +4,6 @@ A path along one line is signed by its first direction. One that is no straight 
 lengths of the path, and its cycles are those after which it closes on itself.
 """
 
-import tomllib
 from collections.abc import Mapping
 from functools import cached_property
 from itertools import pairwise
@@ -52,8 +51,8 @@ class Drag:
         if "settling" in self.stored:
             return float(self.stored["settling"]["time"])
         try:
-            return parse(str(tomllib.loads(self.run.scene_text)["solver"]["settle"]), "time")
-        except (tomllib.TOMLDecodeError, KeyError, TypeError, AttributeError, ValueError):
+            return parse(str(self.run.scene_tables["solver"]["settle"]), "time")
+        except (KeyError, TypeError, AttributeError, ValueError):
             return float(self.run.times[self.start]) if self.frames else 0.0
 
     @cached_property

@@ -5,7 +5,7 @@ Spheres that are not written follow from their bodies: the static arrays of thei
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -45,8 +45,7 @@ class FrameMaker:
         self.interval = 0.0  # since the previous frame [s]
         self.scene_time: Callable[[float], float] | None = None  # time of the scene at a computed time, where they differ
         self.given, self.spheres = state.given, state.given_spheres
-        self.blocks: tuple[str, ...] = ("spheres", "contacts")  # of these, what is written: the other one is empty in frames
-        self.arrays: frozenset[str] | None = None  # of the bodies, what frames have; None: all
+        self.selection = Selection()
         self.sample: Sample | None = None
         self.watch: Callable[[FrameContacts], None] | None = None  # gets all contacts of each frame, written or not
 
@@ -71,6 +70,8 @@ class FrameMaker:
         spheres = {
             "radius": s.spheres.radius[self.spheres], "id": np.arange(len(self.spheres)), "clump": self._bodies_of_spheres()
         }  # fmt: skip
+        if not self.selection.has("spheres") and (self.selection.arrays is None or "quaternion" in self.selection.arrays):
+            spheres[LOCAL_CENTER] = s.offsets[self.spheres]
         return {"spheres": spheres, "clumps": clumps}
 
     def _bodies_of_spheres(self) -> np.ndarray:
@@ -93,22 +94,22 @@ class FrameMaker:
         if self.watch is not None:
             self.watch(closed)
         arrays = self._arrays_of_bodies(labels, closed)
-        clumps = {name: values() for name, values in arrays.items() if self.arrays is None or name in self.arrays}
+        chosen_arrays = self.selection.arrays
+        clumps = {name: values() for name, values in arrays.items() if chosen_arrays is None or name in (*ALWAYS, *chosen_arrays)}
         series = self._series(clumps, closed, stored)
-        chosen: Any = slice(None if "contacts" in self.blocks else 0)
+        chosen: Any = slice(None if self.selection.has("contacts") else 0)
         if sample is not None:
             clumps = {name: values[sample.bodies] for name, values in clumps.items()}
-            chosen = (sample.has(closed.body) | sample.has(closed.partner)) & ("contacts" in self.blocks)
-        contacts = closed.arrays(chosen)
+            chosen = (sample.has(closed.body) | sample.has(closed.partner)) & self.selection.has("contacts")
+        contacts = closed.arrays(chosen) if sample is None else sample.of_contacts(closed.arrays(chosen))
         profiles = {}
         if self.profiler is not None:  # over the interval, of this instant where nothing is sampled between the frames
             mean = self.interval_means.get("profiles")
             profiles = self.profiler.profiles(self.profiler(s) if mean is None else mean, s)
-        contacts = contacts if sample is None else sample.of_contacts(contacts)
         return Frame(s.time, self._spheres(clumps), clumps, contacts, self._plates(), series, profiles, map_densities(s))
 
     def _spheres(self, clumps: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        if "spheres" not in self.blocks:
+        if not self.selection.has("spheres"):
             return {"points": np.zeros((0, 3))}
         s = self.state
         # a ball may share its row with its body
@@ -177,11 +178,9 @@ class FrameMaker:
         return {"points": points}
 
     def _gap(self) -> float:
-        """Return the height of the upper plate's surface over the lower one's [m]: common plate, else mean over patches."""
-        upper, P = self.state.world.upper, self.state.P
-        if upper is None:
-            return np.nan
-        return float(P[-1, patch.HEIGHT]) if upper.foundation is not None else float(np.mean(P[:, patch.HEIGHT]))
+        """Return the height of the upper plate's surface [m]: common plate, else mean over patches."""
+        upper, heights = self.state.world.upper, self.state.P[:, patch.HEIGHT]
+        return np.nan if upper is None else float(np.mean(heights) if upper.foundation is None else heights[-1])
 
     def _mean_forces(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the mean force of the debris on both plates since the previous frame, and that of direct contact on the upper
@@ -193,21 +192,16 @@ class FrameMaker:
             return A[run_totals.UPPER_FORCE3].copy(), A[run_totals.LOWER_FORCE3].copy(), A[run_totals.DIRECT_FORCE3].copy()
         return change[1:4] / change[0], change[4:7] / change[0], change[7:10] / change[0]
 
-    def _friction(self, force: np.ndarray) -> float:
-        """Return the friction coefficient of a mean force [N]; of a path that is no straight line from its work and length."""
-        upper, (work, path) = self.state.world.upper, self.work_and_path
-        if upper is None or upper.schedule.straight:
-            return -float(force @ self.drag) / abs(force[2])
-        return float(work) / (abs(float(force[2])) * float(path)) if path > 0.0 else np.nan
-
     def _series(self, clumps: dict[str, np.ndarray], contacts: FrameContacts, stored: Stored | None) -> dict[str, Any]:
         s, states, plate = self.state, clumps.get("state"), self.state.world.upper
         upper, lower, direct = self._mean_forces()
         lines = self.ledger.lines(s, stored)
-        both = upper + direct
-        normal = abs(both[2])
-        loaded = np.count_nonzero(contacts.number(contacts.normal_force != 0.0))
-        dragged = bool(np.any(self.drag))
+        both, dragged, friction = upper + direct, bool(np.any(self.drag)), np.nan
+        work, path = self.work_and_path
+        if dragged and abs(both[2]) > 0.0 and (plate is None or plate.schedule.straight):
+            friction = -float(both @ self.drag) / abs(both[2])
+        elif dragged and abs(both[2]) > 0.0 and path > 0.0:  # of a path that is no straight line, from its work and length
+            friction = float(work) / (abs(float(both[2])) * float(path))
         series: dict[str, Any] = {
             "time": s.time,
             "distance": s.distance,
@@ -216,8 +210,8 @@ class FrameMaker:
             "gap": self._gap(),
             "upper_force": upper,
             "lower_force": lower,
-            "friction_coefficient": self._friction(both) if normal > 0.0 and dragged else np.nan,
-            "loaded": loaded,
+            "friction_coefficient": friction,
+            "loaded": np.count_nonzero(contacts.number(contacts.normal_force != 0.0)),
         }
         if plate is not None:
             series["active"] = contacts.active()
@@ -237,14 +231,11 @@ class FrameMaker:
                 reasons = np.bincount(clumps["state_reason"], minlength=len(self.labeller.reasons))
                 series |= {f"count_{name}": int(count) for name, count in zip(self.labeller.reasons, reasons, strict=False)}
         if self.bed is not None:
-            series |= self._bed_series(self.bed, 0.5 * (abs(upper[2]) + abs(lower[2])), lines)
+            pressure = 0.5 * (abs(upper[2]) + abs(lower[2])) / (s.world.size[0] * s.world.size[1])
+            velocities = self.interval_means.get("velocity", s.bodies.velocity)
+            elastic = lines["elastic_normal"] + lines["elastic_tangential"]
+            series |= self.bed.series(pressure, velocities, series["gap"], elastic)
         return series | {f"energy_{name}": value for name, value in lines.items()}
-
-    def _bed_series(self, bed: BedMeasures, force: float, lines: dict[str, float]) -> dict[str, float]:
-        # `force`: mean normal force on a plate over the output interval [N]
-        l_x, l_y = self.state.world.size
-        velocities, elastic = self.interval_means.get("velocity", self.state.bodies.velocity), lines["elastic_normal"]
-        return bed.series(force / (l_x * l_y), velocities, self._gap(), elastic + lines["elastic_tangential"])
 
 
 def impulses_of(state: State) -> np.ndarray:
@@ -257,39 +248,26 @@ def impulses_of(state: State) -> np.ndarray:
     return np.concatenate([[A[run_totals.TIME]], *impulses, [A[run_totals.DRAG_WORK], A[run_totals.DISTANCE]]])
 
 
-CLUMPS, CONTACTS, SPHERES = "clumps", "contacts", "spheres"
-ALL = (SPHERES, CLUMPS, CONTACTS)
 ALWAYS = ("points", "state", "state_reason")
 """Arrays of the bodies that are written whatever `output.arrays` says."""
-NEEDED = "quaternion"
-"""Array of the bodies from which spheres are computed, with their positions."""
 
 
 class Selection(NamedTuple):
-    """What of a frame is written, and how; `arrays` None: all arrays of the bodies."""
+    """What of a frame is written, and how; `blocks` and `arrays` (of the bodies) None: all."""
 
-    blocks: tuple[str, ...] = ALL
-    arrays: tuple[str, ...] | None = None
+    blocks: Sequence[str] | None = None
+    arrays: Sequence[str] | None = None
     single: bool = False
     compress: bool = False
 
-    @property
-    def rebuilds(self) -> bool:
-        """Whether spheres are computed where the run is read."""
-        return SPHERES not in self.blocks and (self.arrays is None or NEEDED in self.arrays)
+    def has(self, block: str) -> bool:
+        """Return whether the spheres, or the contacts, are written; else their block is empty."""
+        return self.blocks is None or block in self.blocks
 
     def storage(self, block: str) -> Storage:
         """Return how the arrays of a block are stored."""
         # float32 for the velocities of spheres: their motion follows from the clump's, which is stored in full precision
-        return Storage(self.single or block == SPHERES, self.single, self.compress and block in (CLUMPS, SPHERES))
-
-    def static(self, maker: FrameMaker) -> dict[str, dict[str, np.ndarray]]:
-        """Return the arrays that never change, with the places of the spheres where these are computed on reading."""
-        arrays = maker.static()
-        if not self.rebuilds:
-            return arrays
-        return arrays | {SPHERES: arrays[SPHERES] | {LOCAL_CENTER: maker.state.offsets[maker.spheres]}}
+        return Storage(self.single or block == "spheres", self.single, self.compress and block in ("clumps", "spheres"))
 
 
 EVERYTHING = Selection()
-"""Selection of a scene that names none."""

@@ -8,6 +8,7 @@ import json
 import os
 import sys
 import time
+import weakref
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -82,7 +83,7 @@ def refuse_loaded_code(_: str, node: h5py.HLObject) -> None:
 
 
 class OpenFile:
-    """Run file; `connect` (re)opens its HDF5 `file`. Raises InputError when there is none."""
+    """Run file, whose HDF5 `file` may be reopened. Raises InputError when there is none."""
 
     file: h5py.File
 
@@ -96,11 +97,13 @@ class OpenFile:
             self._stream = io.FileIO(path)
         except OSError as error:
             raise InputError(f"{path}: the file cannot be opened ({error})") from error
+        # closed at the latest at exit: later HDF5 would use the stream of an interpreter that is gone, a segmentation fault
+        self._opened: list[Any] = [self._stream]
+        weakref.finalize(self, _close, self._opened)
 
-    def connect(self) -> None:
+    def _connect(self) -> None:
         """Open the file, or reopen it. Raises InputError when it is not HDF5 or needs foreign code."""
-        if hasattr(self, "file"):
-            self.file.close()
+        _close(self._opened[1:])
         self._stream.seek(0)
         if self._stream.read(len(_SIGNATURE)) != _SIGNATURE:
             raise InputError(f"{self.path}: not a run of thirdbody (not an HDF5 file)")
@@ -109,11 +112,12 @@ class OpenFile:
         except OSError as error:
             what = "is cut short" if "truncated" in str(error) else "cannot be opened"
             raise InputError(f"{self.path}: the file {what} ({error})") from error
+        self._opened[1:] = [self.file]
         with damage_as_fault(self.path):
             self.file.visititems(refuse_loaded_code)
 
-    def steady(self, read: Callable[[], Result], again: Callable[[], None] | None = None) -> Result:
-        """Return the result of `read`, retried if it fails; `again` is called before each retry.
+    def steady(self, read: Callable[[], Result]) -> Result:
+        """Return the result of `read`; open the file before, or where it fails open it again and repeat it.
 
         Raises the errors of `read` for a file that does not change; InputError with the advice to try again for one that is being
         written.
@@ -123,8 +127,8 @@ class OpenFile:
                 raise ClosedRun(f"{self.path}: this run was closed; open it again")
             before = self._stamp()
             try:
-                if number and again is not None:
-                    again()
+                if number or len(self._opened) == 1:
+                    self._connect()
                 return read()
             except InputError:
                 time.sleep(PAUSE)
@@ -139,9 +143,12 @@ class OpenFile:
 
     def close(self) -> None:
         """Close the file; may be called twice."""
-        if hasattr(self, "file"):
-            self.file.close()
-        self._stream.close()
+        _close(self._opened)
+
+
+def _close(opened: list[Any]) -> None:
+    for file in reversed(opened):
+        file.close()
 
 
 def refuse_false_texts(group: h5py.Group) -> None:

@@ -1,6 +1,5 @@
 """Blocks of a run file, read frame by frame, and spheres that follow from their bodies; maps and surfaces of the plates."""
 
-import difflib
 from collections.abc import Collection, Iterable, Mapping
 from functools import cached_property
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from thirdbody.errors import InputError
+from thirdbody.errors import InputError, nearest
 from thirdbody.rotations import to_world
 from thirdbody.surfaces.surface import Surface
 from thirdbody.trajectory.names import MAPS, PLATES, POSITION, SURFACES
@@ -30,10 +29,7 @@ class Named(dict[str, Any]):
 
 
 def _unknown_name(name: object, known: Iterable[str]) -> KeyError:
-    names = sorted(known)
-    near = difflib.get_close_matches(str(name), names, 3, 0.5)
-    offer = f"did you mean {' or '.join(map(repr, near))}?" if near else f"known: {', '.join(names)}"
-    return KeyError(f"no {name!r}; {offer}")
+    return KeyError(f"no {name!r}; {nearest(str(name), known)}")
 
 
 class BlockReader:

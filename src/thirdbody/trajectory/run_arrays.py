@@ -8,13 +8,12 @@ from __future__ import annotations
 import operator
 import os
 import tomllib
-import weakref
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
-import h5py
 import numpy as np
 
 from thirdbody.errors import InputError
@@ -26,23 +25,20 @@ from thirdbody.trajectory.read_blocks import BlockReader, Named, RebuiltSpheres,
 Result = TypeVar("Result")
 
 
-class RunArrays:
+class RunArrays(OpenFile):
     """The arrays of a run, read from its file on demand; a context manager. SI units."""
 
     def __init__(self, path: str | Path):
-        self.path = Path(path) / FILE_NAME if os.path.isdir(path) else Path(path)
-        self._open = OpenFile(self.path)
-        # at the latest at exit: later HDF5 would use the stream of an interpreter that is gone, a segmentation fault
-        weakref.finalize(self, self._open.close)
+        super().__init__(Path(path) / FILE_NAME if os.path.isdir(path) else Path(path))
         try:
-            self._open.steady(self._connect)
+            self.steady(lambda: None)
         except BaseException:
             self.close()
             raise
 
     def _connect(self) -> None:
         """Open the file and read its headers; when an open file is reopened, its number of frames does not grow."""
-        self._open.connect()
+        super()._connect()
         with damage_as_fault(self.path):
             self.stored = Named((name, BlockReader(self.file["VTKHDF"][name], self.path)) for name in BLOCKS)
             self._blocks: dict[str, Any] = Named(self.stored)
@@ -62,15 +58,6 @@ class RunArrays:
                 self._blocks["spheres"] = RebuiltSpheres(self.stored["clumps"], self.stored["spheres"], self.path)
             self.frames: int = min(getattr(self, "frames", frames), frames)
 
-    @property
-    def file(self) -> h5py.File:
-        """The HDF5 file."""
-        return self._open.file
-
-    def steady(self, read: Callable[[], Result]) -> Result:
-        """Return the result of `read`; read the file again while it is being written."""
-        return self._open.steady(read, self._connect)
-
     def _steady(self, where: str, read: Callable[[], Result]) -> Result:
         """Return the result of `read`; report damage with its place, and read a file again while it is being written."""
         return self.steady(damage_as_fault(self.path, where)(read))
@@ -83,6 +70,13 @@ class RunArrays:
     def scene_text(self) -> str:
         """Resolved scene as the run used it."""
         return str(self.header["scene_text"])
+
+    @cached_property
+    def scene_tables(self) -> dict[str, Any]:
+        """Its tables; empty where it is no TOML."""
+        with suppress(KeyError, tomllib.TOMLDecodeError):
+            return tomllib.loads(self.scene_text)
+        return {}
 
     @cached_property
     def times(self) -> np.ndarray:
@@ -162,9 +156,8 @@ class RunArrays:
         if "populations" in self.header:
             return list(self.header["populations"])
         try:  # of earlier versions: material and kind, numbered where they repeat
-            tables = tomllib.loads(self.scene_text).get("debris", [])
-            plain = [f"{table['material']} ({table.get('kind', 'irregular')})" for table in tables]
-        except (tomllib.TOMLDecodeError, KeyError, TypeError, AttributeError):
+            plain = [f"{table['material']} ({table.get('kind', 'irregular')})" for table in self.scene_tables.get("debris", [])]
+        except (KeyError, TypeError, AttributeError):
             return []
         before = [plain[:k].count(name) for k, name in enumerate(plain)]
         return [f"{name} {count + 1}" if count else name for name, count in zip(plain, before, strict=True)]
@@ -260,17 +253,7 @@ class RunArrays:
         return self.surfaces.get(plate)
 
     def surface_position(self, plate: str, frame: int = -1) -> np.ndarray:
-        """Return the position of the origin of a plate's surface in one frame, of a patched plate at its mean height.
-
-        Parameters
-        ----------
-        plate : {lower, upper}
-        frame : int, negative ones count from the end
-
-        Returns
-        -------
-        ndarray (3,), displacement along x and y, and height of the mean plane [m]
-        """
+        """Return the displacement of a plate's surface along x and y, and the height of its mean plane, (3,) [m]."""
         return np.array(self.plates(frame)[POSITION][4 if plate == "upper" else 0])
 
     @cached_property
@@ -334,36 +317,12 @@ class RunArrays:
         return self.steady(lambda: self._blocks[block].array(name, number))
 
     def rows(self, block: str, frame: int = -1) -> int:
-        """Return the number of rows of one block in one frame.
-
-        Parameters
-        ----------
-        block : {spheres, clumps, contacts, plates}, the bodies are `clumps`
-        frame : int, negative ones count from the end
-
-        Returns
-        -------
-        int
-        """
+        """Return the number of rows of one block in one frame."""
         number = self.frame_number(frame)
         return self.steady(lambda: self._blocks[block].rows(number))
 
     def frame_number(self, frame: int) -> int:
-        """Return the frame number counted from 0.
-
-        Parameters
-        ----------
-        frame : int, negative ones count from the end
-
-        Returns
-        -------
-        int, 0 to F - 1
-
-        Raises
-        ------
-        IndexError, TypeError
-            There is no such frame; the number is not whole.
-        """
+        """Return the frame number counted from 0. Raises IndexError for one that is not there, TypeError for no whole number."""
         try:
             frame = operator.index(frame)
         except TypeError:
@@ -372,10 +331,6 @@ class RunArrays:
             inside = f"from {-self.frames} to {self.frames - 1}" if self.frames else "none: nothing was written yet"
             raise IndexError(f"{self.path}: no frame {frame}; frames are {inside}")
         return frame % self.frames
-
-    def close(self) -> None:
-        """Close the file; may be called twice."""
-        self._open.close()
 
     def __len__(self) -> int:
         """Return the number of frames."""

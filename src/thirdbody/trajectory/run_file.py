@@ -1,7 +1,6 @@
 """Run read from its file: its arrays, and what is computed from them; `thirdbody.api.Run` draws and exports it."""
 
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -73,8 +72,9 @@ class RunFile(RunArrays):
         IndexError
             There is no such frame.
         """
-        size, rows = self.header["domain"]["size"] if self.map_units else (0.0, 0.0), list[tuple[Any, ...]]()
+        rows = list[tuple[Any, ...]]()
         for plate in PLATES if self.map_units else ():
+            size = self.header["domain"]["size"]
             maps = self.maps(plate, frame) if cycles is None else maps_of_cycles(self.drag, plate, cycles)
             for name, values in maps.items():
                 unit, covered = self.map_units[name], values[values > 0.0]
@@ -147,8 +147,3 @@ class RunFile(RunArrays):
 
     def _stored_summary(self) -> dict[str, Any] | None:
         return dict(self._text(SUMMARY_TEXT)) if SUMMARY_TEXT in self._scene else None
-
-
-def open_run(path: str | Path) -> RunFile:
-    """Open a run: its folder, or its `run.vtkhdf`. Raises InputError."""
-    return RunFile(path)

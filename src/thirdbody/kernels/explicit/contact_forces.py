@@ -18,7 +18,7 @@ from thirdbody.kernels import close_spots, contact_geometry, plates, rolling_kin
 from thirdbody.kernels.arguments import Tile
 from thirdbody.kernels.bodies import WITH_PLATE, arm_to_sphere, is_aliased
 from thirdbody.kernels.books import add_normal_losses, book, book_dashpots, book_opened, book_opened_dashpots, separation_rate
-from thirdbody.kernels.contact_geometry import SPARE, compact_active, compact_rough, pair_overlaps
+from thirdbody.kernels.contact_geometry import SPARE, compact_active, compact_rough, squares_within_reach
 from thirdbody.kernels.measures import measure_contact, measure_opened
 from thirdbody.kernels.memory import reset_history, store_history
 from thirdbody.kernels.minima import update_surfaces
@@ -181,8 +181,8 @@ def write_record(q, k, context, motion, tile):
 
 
 @njit(**BARE_CHUNK)
-def gather_tile(n, slots, flat, context, motion, box, tile):
-    if flat:
+def gather_tile(n, slots, with_plate, context, motion, box, tile):
+    if with_plate:
         for q in range(n):
             contact_geometry.gather_plate_contact(q, slots[q], context, motion, tile)
     else:
@@ -195,7 +195,7 @@ def gather_tile(n, slots, flat, context, motion, box, tile):
 
 
 @njit(**BARE)
-def end_contacts(o, c, opened, flat, context, step, box, tile):
+def end_contacts(o, c, opened, with_plate, context, step, box, tile):
     """End the contacts opened[:o], of row c of the sums; return what friction and dashpots dissipated in them [J]."""
     partner, body_of, outer, forces = context.partner, context.body, context.outer, context.forces
     shift, friction, damped = np.int64(context.force_rows[c >> 1]), 0.0, 0.0
@@ -204,7 +204,7 @@ def end_contacts(o, c, opened, flat, context, step, box, tile):
     for t in range(0, o, TILE):
         n, total = min(TILE, o - t), 0.0
         if context.force >= 0 or context.dashpots >= 0:
-            gather_tile(n + -n % 4, opened[t:], flat, context, step, box, tile)
+            gather_tile(n + -n % 4, opened[t:], with_plate, context, step, box, tile)
         if context.force >= 0:
             book_opened(n, context, tile)
         if context.dashpots >= 0:
@@ -227,9 +227,9 @@ def end_contacts(o, c, opened, flat, context, step, box, tile):
 
 
 @njit(**BARE)
-def evaluate_laws(n, slots, flat, context, step, law, box, tile):
-    I, behind, interacting = tile.inputs, law_input.HISTORY + context.n_history, flat and close_spots.interact(context)  # noqa: E741
-    gather_tile(n, slots, flat, context, step, box, tile)
+def evaluate_laws(n, slots, with_plate, context, step, law, box, tile):
+    I, behind, interacting = tile.inputs, law_input.HISTORY + context.n_history, with_plate and close_spots.interact(context)  # noqa: E741
+    gather_tile(n, slots, with_plate, context, step, box, tile)
     if context.jumps != 0:  # the overlap that the contacts gained in the step, and one over its length
         for q in range(0, n, LANES):
             put(I, q + (behind + rolling_input.MOVED) * TILE, broadcast(-step.dt) * separation_rate(q, tile.geometry))
@@ -238,7 +238,7 @@ def evaluate_laws(n, slots, flat, context, step, law, box, tile):
         close_spots.relieve(n, tile)
     law(tile.inputs, tile.outputs, n, context.pairs)
     if interacting:
-        close_spots.restore(n, tile)
+        close_spots.restore(n, slots, context, tile)
         close_spots.add_interaction_energy(n, tile)
     if context.force >= 0:
         book(n, context, tile)
@@ -249,16 +249,16 @@ def evaluate_laws(n, slots, flat, context, step, law, box, tile):
         for q in range(n):
             tile.geometry[q + geometry.FORCE * TILE] += tile.geometry[q + geometry.PULL * TILE]
             tile.geometry[q + (geometry.FORCE + 1) * TILE] += tile.geometry[q + (geometry.PULL + 1) * TILE]
-    if flat and plates.is_rough(context):
+    if with_plate and plates.is_rough(context):
         contact_geometry.add_gradient_force(n, slots, context, tile)
     if rolling_kinematics.has_moments(context):
         rolling_kinematics.add_moments(n, context, tile)
 
 
 @njit(**BARE)
-def apply_tile(n, c, slots, flat, context, step, tile):
+def apply_tile(n, c, slots, with_plate, context, step, tile):
     O, sums = tile.outputs, context.sums  # noqa: E741
-    if flat:
+    if with_plate:
         scatter_plate_tile(n, c, slots, context, tile)
     else:
         scatter_pair_tile(n, c, slots, context, tile)
@@ -278,7 +278,7 @@ def apply_tile(n, c, slots, flat, context, step, tile):
 @njit(**BARE_CHUNK)
 def contact_forces(group, side, part, context, step, law):
     """Apply the candidates of a group, with plates (`side` WITH_PLATE) or between spheres; `part`: row of scratch."""
-    c, flat, box, cuts, sums = 2 * group + side, side == WITH_PLATE, box_of(context.D), context.cuts, context.sums
+    c, with_plate, box, cuts, sums = 2 * group + side, side == WITH_PLATE, box_of(context.D), context.cuts, context.sums
     first, last = cuts[side, group * GROUP], cuts[side, min((group + 1) * GROUP, cuts.shape[1] - 1)]
     numbers, marks = context.scratch[part], context.marks[part]
     begin = (law_input.HISTORY + context.n_history + rolling_input.WIDTH) * TILE
@@ -286,36 +286,36 @@ def contact_forces(group, side, part, context, step, law):
     after = end + geometry.WIDTH * TILE
     tile, gaps = Tile(numbers[:begin], numbers[begin:end], numbers[:0], numbers[end:after]), numbers[after:]
     slots, opened = marks[: last - first + SPARE], marks[last - first + SPARE :]
-    if flat and plates.is_rough(context):
+    if with_plate and plates.is_rough(context):
         update_surfaces(first, last, context)
         m, o = compact_rough(first, last, context, box.reach, slots, opened)
     else:
-        if flat:
+        if with_plate:
             for k in range(first, last):
-                gaps[k - first] = plates.plane_overlap(k, context) + box.reach
+                gaps[k - first] = plates.overlap(k, context) + box.reach
         else:
-            pair_overlaps(first, last, context, box, gaps)
+            squares_within_reach(first, last, context, box, gaps)
         m, o = compact_active(first, last, gaps, context.closed, slots, opened)
     sums[c, contact_sums.STORED_NORMAL] = sums[c, contact_sums.STORED_TANGENTIAL] = 0.0
     store(sums, c, contact_sums.UPPER_FORCE, broadcast(0.0))
     store(sums, c, contact_sums.LOWER_FORCE, broadcast(0.0))
-    lost, damped = end_contacts(o, c, opened, flat, context, step, box, tile)
+    lost, damped = end_contacts(o, c, opened, with_plate, context, step, box, tile)
     sums_of_tile = broadcast(0.0), broadcast(0.0), 0.0, np.int64(0), np.int64(0)
     # the overlaps no longer need their scratch
     n = (gaps.shape[0] - close_spots.lane.WIDTH * close_spots.LANES) // (close_spots.FIELDS + close_spots.spot.WIDTH)
     spots = close_spots.Spots(gaps[:n], gaps[n : 2 * n], gaps[2 * n : 3 * n], gaps[3 * n : 4 * n], gaps[4 * n :])
-    if flat and close_spots.interact(context):
+    if with_plate and close_spots.interact(context):
         close_spots.solve_bodies(m, slots, context, spots)
     for t in range(0, m, TILE):
         count, here = min(TILE, m - t), slots[t:]
         filled = contact_geometry.padded(count, context.n_history)  # with the last contact
-        for q in range(filled if flat and close_spots.interact(context) else 0):
+        for q in range(filled if with_plate and close_spots.interact(context) else 0):
             e, G = t + min(q, count - 1), tile.geometry
             G[q + geometry.RELIEF * TILE], G[q + geometry.SPOT_FORCE * TILE] = spots.relief[e], spots.force[e]
             G[q + geometry.PULL * TILE], G[q + (geometry.PULL + 1) * TILE] = spots.pull_x[e], spots.pull_y[e]
-        evaluate_laws(filled, here, flat, context, step, law, box, tile)
+        evaluate_laws(filled, here, with_plate, context, step, law, box, tile)
         sums_of_tile = reduce_tile(count, here, tile, sums_of_tile)
-        apply_tile(count, c, here, flat, context, step, tile)
+        apply_tile(count, c, here, with_plate, context, step, tile)
     work, dissipated, sums[c, contact_sums.MAX_OVERLAP], sums[c, contact_sums.SLOT], sums[c, contact_sums.BAD_SLOT] = sums_of_tile
     sums[c, contact_sums.FRICTION_WORK] = lost + ((extract(work, 0) + extract(work, 1)) + (extract(work, 2) + extract(work, 3)))
     work = dissipated

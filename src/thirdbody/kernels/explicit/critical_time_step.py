@@ -18,13 +18,13 @@ from thirdbody.jit.simd import broadcast, load, set4, store
 from thirdbody.kernels import plates
 from thirdbody.kernels.arguments import KINDS, LAW
 from thirdbody.kernels.bodies import arm_to_sphere, vector
-from thirdbody.kernels.contact_geometry import pair_overlap
+from thirdbody.kernels.contact_geometry import overlap_and_normal, square_within_reach
 from thirdbody.kernels.explicit import stiffness_matrix
 from thirdbody.kernels.plates import is_sphere, is_upper, max_stiffness, patch_of_partner
 from thirdbody.kernels.step_tables import contact_stiffness
 from thirdbody.kernels.tables import body, body_extra, patch, sphere, surface_contact
 from thirdbody.kernels.tile import TILE, law_input
-from thirdbody.kernels.vectors import box_of, image
+from thirdbody.kernels.vectors import box_of
 
 Array = np.ndarray
 
@@ -93,10 +93,7 @@ def find_contacts(n, first, context, horizon, stiffness, scratch, tables):
     for e in range(n):
         k = scratch.near[e]
         i, j = context.own[k], context.partner[k]
-        if is_sphere(j):
-            overlap, normal = pair_overlap(k, context, box)
-        else:
-            overlap, normal = plates.overlap(k, context), plates.normal(k, context)
+        overlap, normal = overlap_and_normal(k, context, box)
         deeper = approach(i, j, normal, context, horizon)
         overlap = max(overlap, min(overlap + deeper, horizon.limit * S[i, sphere.RADIUS]))
         if overlap > -box.reach:
@@ -192,12 +189,8 @@ def find_stiffnesses(first, last, context, horizon, stiffness, scratch, tables):
         near[m], row_of[k] = k, -1
         m += np.int64(not plates.is_rough(context) or context.Q[k, surface_contact.DISTANCE] < np.inf)
     for k in range(max(first, context.n_plates), last):  # those within reach
-        i, j = np.uint64(own[k]), np.uint64(partner[k])  # unsigned: no check for negative indices
-        d_x, d_y, d_z = S[i, sphere.X] - S[j, sphere.X], S[i, sphere.Y] - S[j, sphere.Y], S[i, sphere.Z] - S[j, sphere.Z]
-        d_x, d_y = image(d_x, box.length_x, box.inverse_x), image(d_y, box.length_y, box.inverse_y)
-        limit = S[i, sphere.RADIUS] + S[j, sphere.RADIUS] + box.reach
         near[m], row_of[k] = k, -1
-        m += np.int64(d_x * d_x + d_y * d_y + d_z * d_z < limit * limit)
+        m += np.int64(square_within_reach(own[k], partner[k], S, box) > 0.0)
     find_contacts(m, np.int64(first), context, horizon, stiffness_at(stiffness), scratch, tables)
 
 

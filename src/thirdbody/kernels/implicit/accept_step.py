@@ -29,15 +29,15 @@ STRAYED = 0.5 * math.sqrt(ROUNDED**2 - 1.0)
 def commit(context, b, m, motion, space):
     """Store history, friction work, slip and records of m contacts; return the energy [J] that their dashpots dissipate."""
     O, sums, B, smooth = space.outputs, space.sums, context.B, space.start[step_start.OLD_WEIGHT] > 0.0  # noqa: E741
-    first, q, friction, damped = context.plate_edges[b], np.int64(0), 0.0, 0.0
+    q, friction, damped = np.int64(0), 0.0, 0.0
     force_and_torques(m, space)
     if is_rough(context):
         add_gradient_force(m, space.slots, context, space)
-    books.book_at(context.book_contacts)(m, space.before, np.int64(first), smooth, motion.dt, context, space)
+    books.book_at(context.book_contacts)(m, smooth, motion.dt, context, space)
     for p in range(m):
         damped += O[law_output.DASHPOT_POWER * TILE + p]
     books.write_at(context.write_contacts)(m, motion, context, space)
-    for e in range(first, last_candidate(b, context)):
+    for e in range(context.plate_edges[b], last_candidate(b, context)):
         k = context.plate_incidence[e] >> 1
         if q < m and space.slots[q] == k:
             friction = O[law_output.DISSIPATED * TILE + q]
@@ -49,9 +49,7 @@ def commit(context, b, m, motion, space):
                 sums[0, side + d] += space.geometry[q + (geometry.FORCE + d) * TILE]
             q += 1
         elif is_closed(k, context.H):
-            before = space.before[k - first]
-            dragged = books.plate_opening_work(k, before, context, motion) if smooth and context.force >= 0 else 0.0
-            friction, lost = books.end_at(context.end_contact)(np.int64(k), before, dragged, smooth, context)
+            friction, lost = books.end_at(context.end_contact)(np.int64(k), smooth, motion, context)
             damped += lost
         else:
             continue
@@ -62,11 +60,11 @@ def commit(context, b, m, motion, space):
 
 @njit(**BARE)
 def body_works(context, b, dt, space):
-    """Return works on the body in the step [J]: of contacts, of effects, of inertial forces; kinetic energy before and after."""
+    """Return works on the body in the step [J]: of contacts, of effects, of inertial forces; kinetic energies at both ends."""
     Z, T, B, E, y = space.start, context.memory[b], context.B, context.E, space.y
     inertial, per_arm = context.settings[step_settings.INERTIAL], 1.0 / Z[step_start.ARM]
-    contacts, effects, before, after, pushed, mass = 0.0, 0.0, 0.0, 0.0, 0.0, B[b, body.MASS]
-    now, last = Z[step_start.NOW] / dt, inertial * Z[step_start.BEFORE] / dt
+    contacts, effects, pushed, started, ended, mass = 0.0, 0.0, 0.0, 0.0, 0.0, B[b, body.MASS]
+    now, last = Z[step_start.NOW] / dt, inertial * Z[step_start.LAST] / dt
     fraction, tether = Z[step_start.MASS_FRACTION], Z[step_start.TETHER_STIFFNESS]
     for k in range(3):
         theta, w = y[3 + k] * per_arm, B[b, body.SPIN + k]
@@ -80,9 +78,9 @@ def body_works(context, b, dt, space):
         pushed += fraction * mass * (now * (v_1 - inertial * v_0) - last * T[step_memory.LAST_DV + k]) * y[k]
         pushed += fraction * (now * (l_1 - inertial * l_0) - last * T[step_memory.LAST_DL + k]) * theta
         pushed += tether * (y[k] * y[k] + y[3 + k] * y[3 + k])
-        before += 0.5 * (mass * v_0 * v_0 + l_0 * Z[step_start.SPIN + k])
-        after += 0.5 * (mass * v_1 * v_1 + l_1 * w)
-    return contacts, effects, pushed, before, after
+        started += 0.5 * (mass * v_0 * v_0 + l_0 * Z[step_start.SPIN + k])
+        ended += 0.5 * (mass * v_1 * v_1 + l_1 * w)
+    return contacts, effects, pushed, started, ended
 
 
 @njit(**BARE)
@@ -110,9 +108,9 @@ def update_ledger(context, b, motion, works, common, space):
     body-plate forces are internal and do no external work. Without inertia bodies and patches have no kinetic energy."""
     p, Z, T, A, P, y, dt = context.patch[b], space.start, context.memory[b], context.totals[b], context.P, space.y, motion.dt
     sums, inertial, (gained, of_dashpots) = space.sums, context.settings[step_settings.INERTIAL], works
-    now, last = Z[step_start.NOW] / dt, inertial * Z[step_start.BEFORE] / dt
+    now, last = Z[step_start.NOW] / dt, inertial * Z[step_start.LAST] / dt
     fraction, tether = Z[step_start.MASS_FRACTION], Z[step_start.TETHER_STIFFNESS]
-    contacts, effects, pushed, before, after = body_works(context, b, dt, space)
+    contacts, effects, pushed, started, ended = body_works(context, b, dt, space)
     drag = (sums[0, contact_sums.UPPER_FORCE] * motion.v_x + sums[0, contact_sums.UPPER_FORCE + 1] * motion.v_y) * dt
     old = Z[step_start.OLD_WEIGHT]
     plate = (1.0 - old) * drag - old * (A[run_totals.UPPER_FORCE] * motion.v_x + A[run_totals.UPPER_FORCE + 1] * motion.v_y) * dt
@@ -133,8 +131,8 @@ def update_ledger(context, b, motion, works, common, space):
         change = now * (patch_velocity - inertial * Z[step_start.PATCH_VELOCITY]) - last * T[step_memory.LAST_DRISE]
         force = fraction * P[p, patch.MASS] * change
         pushed += (force + tether * y[6]) * y[6]
-        before += 0.5 * P[p, patch.MASS] * Z[step_start.PATCH_VELOCITY] * Z[step_start.PATCH_VELOCITY]
-        after += 0.5 * P[p, patch.MASS] * patch_velocity * patch_velocity
+        started += 0.5 * P[p, patch.MASS] * Z[step_start.PATCH_VELOCITY] * Z[step_start.PATCH_VELOCITY]
+        ended += 0.5 * P[p, patch.MASS] * patch_velocity * patch_velocity
         lost += 0.5 * P[p, patch.SPRING] * stretched * stretched
     elif not common:
         stored = (1.0 - old) * lift - old * A[run_totals.UPPER_FORCE + 2] * y[6]
@@ -142,7 +140,7 @@ def update_ledger(context, b, motion, works, common, space):
         lost += stored - lift
     friction = sums[0, contact_sums.FRICTION_WORK]
     laws = drag + lift - contacts - gained - friction - of_dashpots
-    A[run_totals.NUMERICAL_LOSS] += pushed - inertial * (after - before) + laws + lost
+    A[run_totals.NUMERICAL_LOSS] += pushed - inertial * (ended - started) + laws + lost
     A[run_totals.FRICTION_WORK] += friction
     A[run_totals.DAMPING_WORK] += damped
     A[run_totals.EFFECT_WORK] += effects
@@ -194,7 +192,7 @@ def reject_step(context, b, space):
     P[p, patch.LOAD] = Z[step_start.PATCH_LOAD]
     for k in range(2):
         P[p, patch.DISPLACEMENT + k] = Z[step_start.PATCH_DISPLACEMENT + k]
-    update_rough(STAGE.GATHER, b, context)
+    update_rough(STAGE.TRIAL, b, context)
 
 
 @njit(**BARE)
@@ -217,7 +215,7 @@ def accept_step(context, b, m, motion, common, space):
     remember_step(context, b, dt, space)
     update_rough(STAGE.ACCEPT, b, context)
     T[step_memory.STORED] = stored
-    T[step_memory.MAX_ENERGY] = max(T[step_memory.MAX_ENERGY], books.energy_of_contacts(m, space))
+    T[step_memory.MAX_ENERGY] = max(T[step_memory.MAX_ENERGY], books.total_storable_energy(m, space))
     diagnostics = space.diagnostics
     if diagnostics[step_contacts.MAX_RADIUS] > 0.0:
         T[step_memory.CONTACT_RADIUS] = diagnostics[step_contacts.MAX_RADIUS]

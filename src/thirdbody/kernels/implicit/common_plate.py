@@ -12,13 +12,14 @@ from numba import njit, types
 from thirdbody.jit.arguments import PACKED
 from thirdbody.jit.options import BARE, NO_COUNTS, OPTIONS, entry
 from thirdbody.kernels.arguments import Motion
+from thirdbody.kernels.contact_geometry import gradient_force
 from thirdbody.kernels.implicit import control, workspace
 from thirdbody.kernels.implicit.accept_step import reject_step
 from thirdbody.kernels.implicit.contact import contact_force
 from thirdbody.kernels.implicit.driver import accept_island, assess_island
 from thirdbody.kernels.implicit.jacobian import assemble, factorise_jacobian, solve_correction
 from thirdbody.kernels.implicit.newton import NewtonOutcome, evaluate, solve_island
-from thirdbody.kernels.implicit.residual import gradient_force, measure_arm, save_start
+from thirdbody.kernels.implicit.residual import measure_arm, save_start
 from thirdbody.kernels.implicit.workspace import FREEDOMS, STAGE, body_at, call_part, space_at
 from thirdbody.kernels.plates import book_direct_contact, is_rough, is_upper
 from thirdbody.kernels.step_tables import body_solution, step_memory, step_start
@@ -46,9 +47,6 @@ def plate_reaction(context, b, m, space):
 
 @njit(**BARE)
 def load_body(context, b, space):
-    low, high = context.plate_edges[b], context.plate_edges[b + 1]
-    for e in range(low, high):
-        space.before[e - low] = context.initial_overlaps[e]
     for k in range(step_start.WIDTH):
         space.start[k] = context.starts[b, k]
     for k in range(FREEDOMS):
@@ -105,8 +103,6 @@ def solve_at(first, last, first_iteration, displacement, motion, packed, tables,
                 measure_arm(context, b, space)
                 save_start(a, context, island, scratch)
                 control.begin_step(context, b, displacement, motion, space)
-                for e in range(context.plate_edges[b], context.plate_edges[b + 1]):
-                    context.initial_overlaps[e] = space.before[e - context.plate_edges[b]]
             else:
                 load_body(context, b, space)
             if spring_of(a, context, island) == 0.0:

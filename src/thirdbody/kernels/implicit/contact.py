@@ -69,14 +69,15 @@ def product(tensor, v):
 
 @njit(**BARE)
 def depth_at(q, context, I):  # noqa: E741
+    """Return the depth [m] of contact q, its overlap plus the reach, at the end of the step (`start_depths`: at the start)."""
     return I[law_input.OVERLAP * TILE + q] + context.D[domain.REACH]
 
 
 @njit(**BARE)
-def closed_fraction(q, before, context, I):  # noqa: E741
-    """Return the fraction of the step in which contact q was within reach; `before`: `depth_at` its start [m], < 0: not yet."""
+def closed_fraction(q, start, context, I):  # noqa: E741
+    """Return the fraction of the step in which contact q was within reach; `start`: depth at its start [m], < 0: not yet."""
     depth = depth_at(q, context, I)
-    return depth / (depth - before) if before < 0.0 else 1.0
+    return depth / (depth - start) if start < 0.0 else 1.0
 
 
 @njit(**BARE)
@@ -151,20 +152,19 @@ class ContactOfSides(NamedTuple):
 
 
 @njit(**BARE)
-def contact_of(q, before, dt, sides, shape, context, tile):
-    """Return contact q of a tile. `before`: overlap plus reach at the start of the step [m], negative: a gap; `shape`: bend,
-    gradient and its change."""
-    I, K, frame = tile.inputs, tile.tangents, frame_of(q, tile.geometry)  # noqa: E741
-    fraction = closed_fraction(q, before, context, I)
+def contact_of(q, dt, sides, shape, context, tile):
+    """Return contact q of a tile; `shape`: bend, gradient and its change."""
+    I, K, frame, start = tile.inputs, tile.tangents, frame_of(q, tile.geometry), context.start_depths[tile.slots[q]]  # noqa: E741
+    fraction = closed_fraction(q, start, context, I)
     s_1, s_2, moments = I[law_input.SLIP_X * TILE + q], I[law_input.SLIP_Y * TILE + q], has_moments(context)
     displacement = dt * dot(vector_at(q, geometry.MID_VELOCITY, tile.geometry), frame[0]), s_1 / fraction, s_2 / fraction
     xx, xy = K[contact_tangent.XX * TILE + q], K[contact_tangent.XY * TILE + q]
     yx, yy = K[contact_tangent.YX * TILE + q], K[contact_tangent.YY * TILE + q]
     xd, yd = K[contact_tangent.XD * TILE + q], K[contact_tangent.YD * TILE + q]
-    if before < 0.0:
+    if start < 0.0:
         # the contact closes within the step: the fraction of the slip that counts grows with its overlap
         depth = depth_at(q, context, I)
-        growth = -before / ((depth - before) * (depth - before)) / fraction
+        growth = -start / ((depth - start) * (depth - start)) / fraction
         xd += (xx * s_1 + xy * s_2) * growth
         yd += (yx * s_1 + yy * s_2) * growth
         xx, xy, yx, yy = fraction * xx, fraction * xy, fraction * yx, fraction * yy
@@ -188,12 +188,12 @@ def owner_side(q, i, row, scale, S, G):
 
 
 @njit(**BARE)
-def plate_contact(q, b, dt, shape, context, space):
-    """Return contact q of body b, with a plate, in the equations of this body alone; `shape`: see `contact_of`."""
+def plate_contact(q, dt, shape, context, space):
+    """Return contact q of a body, with a plate, in the equations of this body alone; `shape`: see `contact_of`."""
     k = space.slots[q]
     owner = owner_side(q, context.own[k], np.int64(0), 1.0, context.S, space.geometry)
     sides = owner, Side(-1, 6 if is_upper(context.partner[k]) else -1, 1.0, NOWHERE, NOWHERE, 0.0)
-    return contact_of(q, space.before[k - context.plate_edges[b]], dt, sides, shape, context, space)
+    return contact_of(q, dt, sides, shape, context, space)
 
 
 @njit(**BARE)

@@ -54,7 +54,7 @@ def why_cut(landing, converged, error, rotation):
     return np.int64(StepLimit.ERROR if by_error else StepLimit.ROTATION)
 
 
-class Stop(IntEnum):
+class BodyStop(IntEnum):
     """Reasons why a body stopped (`step_memory.CODE`)."""
 
     NONE = 0  # it goes on
@@ -143,15 +143,15 @@ def begin_step(context, b, displacement, motion, space):
             Z[step_start.MASS_FRACTION] = min(1.0, limit)
     ratio, y = step_ratio(T, V, dt), space.y
     now, last = bdf2_weights(ratio)
-    Z[step_start.NOW], Z[step_start.BEFORE] = now, last
-    scale, before = dt / now, last / now
+    Z[step_start.NOW], Z[step_start.LAST] = now, last
+    scale, part = dt / now, last / now
     for k in range(3):
         v = Z[step_start.VELOCITY + k] + ratio * T[step_memory.LAST_DV + k]
         w = Z[step_start.SPIN + k] + ratio * T[step_memory.LAST_DW + k]
-        y[k] = scale * v + before * T[step_memory.LAST_COORDINATES + k]
-        y[3 + k] = scale * w * Z[step_start.ARM] + before * T[step_memory.LAST_COORDINATES + 3 + k]
+        y[k] = scale * v + part * T[step_memory.LAST_COORDINATES + k]
+        y[3 + k] = scale * w * Z[step_start.ARM] + part * T[step_memory.LAST_COORDINATES + 3 + k]
     patch_velocity = Z[step_start.PATCH_VELOCITY] + ratio * T[step_memory.LAST_DRISE]
-    predicted = scale * patch_velocity + before * T[step_memory.LAST_COORDINATES + 6]
+    predicted = scale * patch_velocity + part * T[step_memory.LAST_COORDINATES + 6]
     y[6] = predicted if P[p, patch.FREE] != 0.0 else displacement
 
 
@@ -231,10 +231,10 @@ def close_step(context, b, motion, ended, space):
     T[step_memory.HARD_STEPS] += 1.0 if cuts > HARD else 0.0
     T[step_memory.LONGEST_DRAG] = max(T[step_memory.LONGEST_DRAG], A[run_totals.PLATE_SPEED] * motion.dt)
     bad, out = check_position(b, load(context.B, b, body.POSITION), 0.0, limits_of(D), np.int64(0), np.int64(0))
-    T[step_memory.CODE], T[step_memory.SLOT] = Stop.NONE.value, -1.0
+    T[step_memory.CODE], T[step_memory.SLOT] = BodyStop.NONE.value, -1.0
     if bad > 0:
-        T[step_memory.CODE] = Stop.BAD_BODY.value
+        T[step_memory.CODE] = BodyStop.BAD_BODY.value
     elif diagnostics[step_contacts.MAX_RATIO] > D[domain.OVERLAP_GUARD]:
-        T[step_memory.CODE], T[step_memory.SLOT] = Stop.OVERLAP.value, diagnostics[step_contacts.SLOT]
+        T[step_memory.CODE], T[step_memory.SLOT] = BodyStop.OVERLAP.value, diagnostics[step_contacts.SLOT]
     elif out > 0:
-        T[step_memory.CODE] = Stop.LEFT.value
+        T[step_memory.CODE] = BodyStop.LEFT.value

@@ -22,7 +22,7 @@ from thirdbody.kernels.arguments import OBSERVE_BODIES, Motion, as_observed
 from thirdbody.kernels.bodies import place_as_it_is
 from thirdbody.kernels.implicit import books, control, workspace
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
-from thirdbody.kernels.implicit.control import Stop
+from thirdbody.kernels.implicit.control import BodyStop
 from thirdbody.kernels.implicit.newton import NewtonOutcome, solve_island
 from thirdbody.kernels.implicit.residual import MAX_ROTATION, measure_arm, save_start
 from thirdbody.kernels.implicit.workspace import ADVANCE, KINDS, STAGE, ImplicitContext, body_at, call_part, context_of, space_at
@@ -81,7 +81,7 @@ def assess_island(m, converged, motion, context, island, scratch):
     for a in range(island.n):
         b, space, n = body_at(a, island), space_at(a, scratch), max(scratch.counts[a], 0)
         for q in range(n):
-            landing = landing or space.before[space.slots[q] - context.plate_edges[b]] < 0.0
+            landing = landing or context.start_depths[space.slots[q]] < 0.0
         y = space.y
         error = max(error, control.local_error(context, b, motion.dt, space))
         rotation = max(rotation, math.sqrt(y[3] * y[3] + y[4] * y[4] + y[5] * y[5]) / space.start[step_start.ARM])
@@ -144,7 +144,7 @@ def step(until, context, island, scratch):
         dt *= control.reduction_factor(converged, error, rotation)
         if outcome == NewtonOutcome.CROWDED or dt < V[step_settings.SHORTEST]:
             for a in range(island.n):
-                code = control.Stop.CROWDED if outcome == NewtonOutcome.CROWDED else control.Stop.UNSOLVED
+                code = control.BodyStop.CROWDED if outcome == NewtonOutcome.CROWDED else control.BodyStop.UNSOLVED
                 context.memory[body_at(a, island), step_memory.CODE] = np.int64(code)
                 reject_step(context, body_at(a, island), space_at(a, scratch))
             return
@@ -170,7 +170,7 @@ def advance_islands(first, last, until, tries, packed, tables, packed_scratch):
             measure_arm(context, body_at(a, island), space_at(a, scratch))
         while True:
             for a in range(island.n):
-                going = going and context.memory[body_at(a, island), step_memory.CODE] == control.Stop.NONE.value
+                going = going and context.memory[body_at(a, island), step_memory.CODE] == control.BodyStop.NONE.value
             going = going and context.totals[one, run_totals.TIME] < until and context.memory[one, step_memory.TRIES] < last_try
             if not going:
                 break
@@ -180,7 +180,7 @@ def advance_islands(first, last, until, tries, packed, tables, packed_scratch):
 # -- ensembles --
 
 _WORDS = first_words(KINDS)
-H_ADDRESS, R_ADDRESS, S_ADDRESS = (_WORDS[name] for name in ("H", "R", "S"))
+H_ADDRESS, R_ADDRESS, S_ADDRESS, DEPTHS_ADDRESS = (_WORDS[name] for name in ("H", "R", "S", "start_depths"))
 """Words of the packed arguments that hold the addresses of the tables that exist for one body at a time."""
 
 changing_context_of = make_unpacker(Unpacked(KINDS, ImplicitContext, changing=True))
@@ -190,7 +190,7 @@ advance_at = function_at(ADVANCE)
 Span = namedtuple("Span", "first last low high advance")
 """Bodies `first` to `last` - 1 of a batch, of which `low` to `high` - 1 are advanced; address of `driver.advance_islands`."""
 
-OneBody = namedtuple("OneBody", "H R S radii")
+OneBody = namedtuple("OneBody", "H R S depths radii")
 """Tables with room for the candidates and the spheres of any body; radii of all spheres, or none where spheres are kept."""
 
 
@@ -201,7 +201,7 @@ def point_to(table, row, word, packed):
 
 
 _TABLE, _ROW, _LONG = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C"), types.int64
-SPAN, ONE_BODY = types.NamedUniTuple(_LONG, 5, Span), types.NamedTuple((_TABLE, _TABLE, _TABLE, _ROW), OneBody)
+SPAN, ONE_BODY = types.NamedUniTuple(_LONG, 5, Span), types.NamedTuple((_TABLE, _TABLE, _TABLE, _ROW, _ROW), OneBody)
 
 
 @entry(
@@ -218,11 +218,12 @@ def advance_batch(span, until, tries, packed, tables, packed_scratch, contacts, 
         first, n, after = k - begin, context.plate_edges[b + 1] - k, p
         while after < n_closed and closed.on[after] < first + n:
             after += 1
-        waits = context.memory[b, step_memory.CODE] == Stop.NONE.value and context.totals[b, run_totals.TIME] < until
+        waits = context.memory[b, step_memory.CODE] == BodyStop.NONE.value and context.totals[b, run_totals.TIME] < until
         if span.low <= b < span.high and waits:
             expand(n, p, first, closed, one.H, one.R)
             point_to(one.H, k, H_ADDRESS, packed)
             point_to(one.R, k, R_ADDRESS, packed)
+            point_to(one.depths, k, DEPTHS_ADDRESS, packed)
             if one.radii.shape[0] > 0:
                 point_to(one.S, context.start[b], S_ADDRESS, packed)
                 own = changing_context_of(packed)

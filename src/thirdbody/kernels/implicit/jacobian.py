@@ -1,5 +1,5 @@
 """Linear equations of an island: Jacobian of the residuals (`residual`), of each body with its plates, and of contacts between
-bodies; Gaussian elimination with row pivots. Contacts with curved surfaces and between bodies are added by `add_curved`
+bodies; Gaussian elimination with row pivots. Contacts with rough surfaces and between bodies are added by `add_general`
 (`contact` has the theory): responses along three axes give all coordinates.
 
 The entry in row i and column j is A[i step + j + offset]. Seven equations of one body are dense: step 7, offset 0. Those of
@@ -56,7 +56,7 @@ def assemble_body(a, m, coupled, motion, context, island, scratch):
         call_part(context.rough_part, STAGE.TANGENTS, a, m, motion, context, island, scratch)
     else:
         for q in range(m):
-            add_plane(plate_contact(q, b, dt, PLANE, context, space), context, J)
+            add_plane(plate_contact(q, dt, PLANE, context, space), context, J)
     call_part(context.spots_part, STAGE.TANGENTS, a, m, motion, context, island, scratch)
     per_arm, rate, (xx, yy, zz, xy, xz, yz) = 1.0 / Z[step_start.ARM], Z[step_start.NOW] / dt, inertia_of(b, context.E, poses)
     square, rows = Z[step_start.MASS_FRACTION] * rate * rate, ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
@@ -179,7 +179,7 @@ def axis_of(k):
 
 
 @njit(**BARE)
-def to_surface(s, contact):
+def surface_response(s, contact):
     """Return the response to a displacement s of the surface, in which the frame stays."""
     (n, e, g), (k_n, xx, xy, yx, yy, xd, yd) = contact.frame, contact.tangent
     d, s_1, s_2 = -dot(n, s), dot(e, s), dot(g, s)
@@ -191,7 +191,7 @@ def to_surface(s, contact):
 
 
 @njit(**BARE)
-def to_bend(c, contact):
+def bend_response(c, contact):
     """Return the response to a displacement c of the centre beyond that of the surface: normal and effective radius change."""
     (n, e, g), (k_n, xx, xy, yx, yy, xd, yd) = contact.frame, contact.tangent
     dn, bent = product(contact.bend, c), dot(contact.gradient, c)
@@ -211,7 +211,7 @@ def to_bend(c, contact):
 
 
 @njit(**BARE)
-def to_spin(contact):
+def spin_response(contact):
     """Return the response to a turn of a body about the normal, as it turns the frame."""
     (n, e, g), (_, xx, xy, yx, yy, _, _) = contact.frame, contact.tangent
     _, s_1, s_2 = contact.displacement
@@ -236,11 +236,11 @@ def response_to(s, c, turn, responses):
 
 
 @njit(**BARE)
-def add_curved(contact, J, step, offset):
+def add_general(contact, J, step, offset):
     """Add any contact to the Jacobian J (`jacobian`), coordinate by coordinate."""
     x, y, z = axis_of(0), axis_of(1), axis_of(2)
-    surface = to_surface(x, contact), to_surface(y, contact), to_surface(z, contact)
-    responses = surface, (to_bend(x, contact), to_bend(y, contact), to_bend(z, contact)), to_spin(contact)
+    surface = surface_response(x, contact), surface_response(y, contact), surface_response(z, contact)
+    responses = surface, (bend_response(x, contact), bend_response(y, contact), bend_response(z, contact)), spin_response(contact)
     add_side(contact.owner, 1.0, responses, contact, J, step, offset)
     if contact.partner.row >= 0:
         add_side(contact.partner, -1.0, responses, contact, J, step, offset)

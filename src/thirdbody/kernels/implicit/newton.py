@@ -129,7 +129,7 @@ def evaluate(part, motion, context, island, scratch):
         residual(a, scratch.counts[a], motion, context, island, scratch)
     if island.n_pairs == 0:
         return np.int64(0)
-    call_part(context.pairs_part, STAGE.GATHER, 0, 0, motion, context, island, scratch)
+    call_part(context.pairs_part, STAGE.TRIAL, 0, 0, motion, context, island, scratch)
     return np.int64(scratch.answer[0])
 
 

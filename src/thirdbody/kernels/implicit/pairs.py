@@ -1,6 +1,6 @@
 """Contacts between the bodies of an island in an implicit step: the part `pairs_part` of a step (`workspace.PART`).
 
-Its answers: the number of contacts after GATHER; the largest fraction of the correction, given and returned, at LIMIT; the
+Its answers: the number of contacts at TRIAL; the largest fraction of the correction, given and returned, at LIMIT; the
 largest angle by which a normal turns in half a step, and whether a contact closed, at ERRORS.
 
 Each body gets half of what friction and dashpots dissipate in a contact. What the forces of a contact do on its two bodies, less
@@ -20,10 +20,10 @@ from thirdbody.kernels.contact_geometry import SPARE, gather_pair_contacts, pair
 from thirdbody.kernels.explicit.contact_forces import BODY_FRACTION
 from thirdbody.kernels.implicit import books, contact, newton
 from thirdbody.kernels.implicit.contact import NOWHERE, contact_point, cross, dot, vector_at
-from thirdbody.kernels.implicit.jacobian import add_curved, give_springs, tangents_at
+from thirdbody.kernels.implicit.jacobian import add_general, give_springs, tangents_at
 from thirdbody.kernels.implicit.residual import complete_contact, law_at, observe_contact
 from thirdbody.kernels.implicit.workspace import FREEDOMS, PART, STAGE, body_at, island_at, pair_at, pair_tile, space_at
-from thirdbody.kernels.plates import is_closed, surface_velocity, three
+from thirdbody.kernels.plates import is_closed, three
 from thirdbody.kernels.rolling_kinematics import has_moments, has_twist
 from thirdbody.kernels.step_tables import step_contacts, step_memory, step_settings, step_start
 from thirdbody.kernels.tables import body, body_extra, record, run_totals, sphere
@@ -63,7 +63,8 @@ def pair_wrench(q, k, context, tile):
 
 @njit(**BARE_CHUNK)
 def evaluate_pairs(context, island, motion, scratch):
-    """Gather the contacts of the island between bodies into tiles; add their forces to both residuals. Return their number."""
+    """Evaluate the contacts of the island between bodies; add their forces to both residuals, torques over the arms as there.
+    Return their number."""
     m, S, box = np.int64(0), context.S, box_of(context.D)
     for e in range(island.n_pairs):
         k = pair_at(e, island)
@@ -80,7 +81,7 @@ def evaluate_pairs(context, island, motion, scratch):
         for q in range(n):
             _, _, a, b = ends_of(slots[q], context, island)
             weight = 0.5 * (scratch.starts[a, step_start.NOW] + scratch.starts[b, step_start.NOW])
-            complete_contact(q, slots[q], context.initial_overlaps[slots[q]], weight, motion, context, tile)
+            complete_contact(q, slots[q], weight, motion, context, tile)
         law_at(context.law)(tile.inputs, tile.outputs, n, context.pairs)
         for q in range(n):
             i, j, a, b = ends_of(slots[q], context, island)
@@ -144,16 +145,8 @@ def add_tangents(m, dt, context, island, scratch):
             x, y, z = vector_at(q, geometry.NORMAL, G)
             c = 1.0 / (S[i, sphere.RADIUS] + S[j, sphere.RADIUS] - tile.inputs[law_input.OVERLAP * TILE + q])
             bend = c * (1.0 - x * x), c * (1.0 - y * y), c * (1.0 - z * z), -c * x * y, -c * x * z, -c * y * z
-            shape, before = (bend, NOWHERE, contact.ZERO_TENSOR), context.initial_overlaps[k]
-            add_curved(contact.contact_of(q, before, dt, sides, shape, context, tile), scratch.band, 3 * w, w)
-
-
-@njit(**BARE)
-def pair_opening_work(k, context, motion):
-    S, j, (overlap, n) = context.S, context.partner[k], pair_overlap(k, context, box_of(context.D))
-    s = S[j, sphere.RADIUS]
-    u = surface_velocity(j, S, books.STEP_COLUMNS, (s * n[0], s * n[1], s * n[2]))
-    return books.opening_work(k, context.initial_overlaps[k], (overlap, n), u, context, motion.dt)
+            shape = bend, NOWHERE, contact.ZERO_TENSOR
+            add_general(contact.contact_of(q, dt, sides, shape, context, tile), scratch.band, 3 * w, w)
 
 
 @njit(**BARE_CHUNK)
@@ -167,11 +160,11 @@ def pair_work_errors(context, island, m, motion, scratch):
         error, stored = 0.0, 0.0
         if p < m and scratch.pair_slots[p // TILE, p % TILE] == k:
             q, (tile, _) = p % TILE, pair_tile(p // TILE, m, scratch)
-            error = books.contact_difference(q, context.initial_overlaps[k], context, tile)
-            stored = books.contact_energy(q, tile)
+            error = books.contact_difference(q, context, tile)
+            stored = books.storable_energy(q, tile)
             p += 1
         elif is_closed(k, context.H):
-            error = abs(pair_opening_work(k, context, motion))
+            error = abs(books.opening_work(k, context, motion))
         for c in (a, b):
             scratch.errors[c, 0] += error
             scratch.errors[c, 1] += stored
@@ -226,14 +219,13 @@ def accept_pairs(context, island, m, motion, scratch):
             _, _, a, b = ends_of(k, context, island)
             mean_a, mean_b = works_of_old(k, a, b, context, scratch)
             mean_a, mean_b, gained = weight * mean_a, weight * mean_b, -books.stored_energy(k, context)
-            dragged = pair_opening_work(k, context, motion) if smooth and context.force >= 0 else 0.0
-            friction, damped = books.end_at(context.end_contact)(k, context.initial_overlaps[k], dragged, smooth, context)
+            friction, damped = books.end_at(context.end_contact)(k, smooth, motion, context)
             lost = 0.5 * (-(mean_a + mean_b) - gained - friction - damped)
             add_losses(body_at(a, island), friction, damped, lost + mean_a, context)
             add_losses(body_at(b, island), friction, damped, lost + mean_b, context)
     for t in range((m + TILE - 1) // TILE):
         tile, n = pair_tile(t, m, scratch)
-        books.book_at(context.book_contacts)(n, context.initial_overlaps, np.int64(0), smooth, motion.dt, context, tile)
+        books.book_at(context.book_contacts)(n, smooth, motion.dt, context, tile)
         for q in range(n):
             (_, _, a, b), O, B = ends_of(tile.slots[q], context, island), tile.outputs, context.B  # noqa: E741
             wrench, b_i, b_j = pair_wrench(q, tile.slots[q], context, tile), body_at(a, island), body_at(b, island)
@@ -254,7 +246,7 @@ def accept_pairs(context, island, m, motion, scratch):
                     context.E[c, body_extra.NORMAL_LOSS] += BODY_FRACTION * normal_loss_of(q, context.loss_column, tile)
                 B[c, body.SLIP_DISTANCE] += O[law_output.SLIP * TILE + q]
                 T = context.memory[c]
-                T[step_memory.MAX_ENERGY] = max(T[step_memory.MAX_ENERGY], books.contact_energy(q, tile))
+                T[step_memory.MAX_ENERGY] = max(T[step_memory.MAX_ENERGY], books.storable_energy(q, tile))
         books.write_at(context.write_contacts)(n, motion, context, tile)
 
 
@@ -264,8 +256,8 @@ def pairs_part(stage, h, _, m, motion, context, islands, scratch):
     if stage == STAGE.START:
         for e in range(island.n_pairs):
             k, box = pair_at(e, island), box_of(context.D)
-            context.initial_overlaps[k] = pair_overlap(k, context, box)[0] + box.reach
-    elif stage == STAGE.GATHER:
+            context.start_depths[k] = pair_overlap(k, context, box)[0] + box.reach
+    elif stage == STAGE.TRIAL:
         scratch.answer[0] = evaluate_pairs(context, island, motion, scratch)
     elif stage == STAGE.TANGENTS:
         add_tangents(m, motion.dt, context, island, scratch)
@@ -277,7 +269,7 @@ def pairs_part(stage, h, _, m, motion, context, islands, scratch):
             q, G = p % TILE, scratch.pair_geometry[p // TILE]
             x, y, z = cross(vector_at(q, geometry.NORMAL, G), vector_at(q, geometry.MID_NORMAL, G))
             square = max(square, x * x + y * y + z * z)
-            if context.initial_overlaps[scratch.pair_slots[p // TILE, q]] < 0.0:
+            if context.start_depths[scratch.pair_slots[p // TILE, q]] < 0.0:
                 scratch.answer[1] = 1.0
         scratch.answer[0] = math.sqrt(square)
         if context.force >= 0:

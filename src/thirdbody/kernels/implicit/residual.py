@@ -1,8 +1,8 @@
-"""Residual of an implicit step of one body between two plates, at the end of a trial step.
+"""Residual of an implicit step of one body between two plates, at the end of a trial step; `pairs` adds contacts with others.
 
 `set_configuration` moves body, spheres and patch to the end of the step with the coordinates y (`workspace.FREEDOMS`); `residual`
-evaluates the laws there and writes the residual (7,) [N]; its derivative is in `jacobian`. No history is written before the
-step is accepted (`accept_step`).
+evaluates the laws there and writes the residual (7,) [N], torques over the arm of the body; its derivative is in `jacobian`. No
+history is written before the step is accepted (`accept_step`).
 Contact geometry, slip and history are those of the explicit integrator (`contact_geometry`, `memory`); here a contact
 that closes within the step slips only during the rest of the step.
 """
@@ -17,13 +17,13 @@ from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels import plates
 from thirdbody.kernels.arguments import EFFECTS, LAW, Motion
 from thirdbody.kernels.bodies import BodyMotion, place_body, quaternion
-from thirdbody.kernels.contact_geometry import gather_plate_contact, padded, slip_increment, transport_frames
+from thirdbody.kernels.contact_geometry import gather_plate_contact, gradient_force, padded, slip_increment, transport_frames
 from thirdbody.kernels.implicit.contact import closed_fraction, contact_force, contact_moment, contact_point, depth_at, product
 from thirdbody.kernels.implicit.workspace import FREEDOMS, STAGE, body_at, call_part, last_candidate, space_at, update_rough
 from thirdbody.kernels.plates import is_upper
 from thirdbody.kernels.rolling_kinematics import gather_rolling, has_moments, has_twist
 from thirdbody.kernels.step_tables import step_contacts, step_memory, step_settings, step_start
-from thirdbody.kernels.tables import body, body_extra, domain, orientation, patch, run_totals, sphere, surface_contact
+from thirdbody.kernels.tables import body, body_extra, domain, orientation, patch, run_totals, sphere
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output, rolling_input
 from thirdbody.kernels.vectors import matrix, rotate
 
@@ -44,7 +44,7 @@ def measure_arm(context, b, space):
 @njit(**BARE_CHUNK)
 def save_start(a, context, island, scratch):
     b, Z, B, P, E = body_at(a, island), space_at(a, scratch).start, context.B, context.P, context.E
-    p, first, before = context.patch[b], context.plate_edges[b], space_at(a, scratch).before
+    p = context.patch[b]
     call_part(context.rough_part, STAGE.START, a, 0, Motion(0.0, 0.0, 0.0), context, island, scratch)
     for k in range(3):
         Z[step_start.POSITION + k], Z[step_start.VELOCITY + k] = B[b, body.POSITION + k], B[b, body.VELOCITY + k]
@@ -56,16 +56,16 @@ def save_start(a, context, island, scratch):
     Z[step_start.PATCH_LOAD] = P[p, patch.LOAD]
     for k in range(2):
         Z[step_start.PATCH_DISPLACEMENT + k] = P[p, patch.DISPLACEMENT + k]
-    for e in range(first, last_candidate(b, context)):
+    for e in range(context.plate_edges[b], last_candidate(b, context)):
         k = context.plate_incidence[e] >> 1
-        before[k - first] = plates.overlap(k, context) + context.D[domain.REACH]
+        context.start_depths[k] = plates.overlap(k, context) + context.D[domain.REACH]
 
 
 @njit(**BARE)
 def set_configuration(context, b, y, dt, space):
     p, Z, T, B, P = context.patch[b], space.start, context.memory[b], context.B, context.P
-    inverse, per_arm, before = 1.0 / dt, 1.0 / Z[step_start.ARM], step_memory.LAST_COORDINATES
-    now, last = Z[step_start.NOW] * inverse, Z[step_start.BEFORE] * inverse
+    inverse, per_arm, y_last = 1.0 / dt, 1.0 / Z[step_start.ARM], step_memory.LAST_COORDINATES
+    now, last = Z[step_start.NOW] * inverse, Z[step_start.LAST] * inverse
     for k in range(3):
         B[b, body.POSITION + k] = Z[step_start.POSITION + k] + y[k]
         B[b, body.VELOCITY + k] = y[k] * inverse
@@ -74,15 +74,15 @@ def set_configuration(context, b, y, dt, space):
     for k in range(4):
         context.orientations[b, orientation.QUATERNION + k] = q[k]
     w = (y[3] * per_arm * inverse, y[4] * per_arm * inverse, y[5] * per_arm * inverse)
-    w_end = now * y[3] - last * T[before + 3], now * y[4] - last * T[before + 4], now * y[5] - last * T[before + 5]
+    w_end = now * y[3] - last * T[y_last + 3], now * y[4] - last * T[y_last + 4], now * y[5] - last * T[y_last + 5]
     w_end = w_end[0] * per_arm, w_end[1] * per_arm, w_end[2] * per_arm
-    v_end = (now * y[0] - last * T[before], now * y[1] - last * T[before + 1], now * y[2] - last * T[before + 2])
+    v_end = (now * y[0] - last * T[y_last], now * y[1] - last * T[y_last + 1], now * y[2] - last * T[y_last + 2])
     x, v = plates.three(B, b, body.POSITION), plates.three(B, b, body.VELOCITY)
     place_body(b, context.start, context.offsets, context.S, BodyMotion(x, q, v, w, v_end, w_end), dt)
     for k in range(3):
         B[b, body.VELOCITY + k], B[b, body.SPIN + k] = v_end[k], w_end[k]
     P[p, patch.HEIGHT] = Z[step_start.PATCH_HEIGHT] + y[6]
-    P[p, patch.VELOCITY] = now * y[6] - last * T[before + 6]
+    P[p, patch.VELOCITY] = now * y[6] - last * T[y_last + 6]
 
 
 @njit(**BARE)
@@ -101,12 +101,12 @@ def inertia_of(b, E, orientations):
 @njit(**BARE)
 def active_contacts(a, motion, context, island, scratch):
     b, space = body_at(a, island), space_at(a, scratch)
-    slots, first = space.slots, context.plate_edges[b]
+    slots = space.slots
     # the mean velocity of the step, where `gather_plate_contact` takes that of the patch at its end
     patch_velocity = context.P[context.patch[b], patch.VELOCITY] - space.trial[6] / motion.dt
     m = np.int64(0)
-    update_rough(STAGE.GATHER, b, context)
-    for e in range(first, last_candidate(b, context)):
+    update_rough(STAGE.TRIAL, b, context)
+    for e in range(context.plate_edges[b], last_candidate(b, context)):
         k = context.plate_incidence[e] >> 1
         if plates.overlap(k, context) + context.D[domain.REACH] <= 0.0:
             continue
@@ -121,22 +121,22 @@ def active_contacts(a, motion, context, island, scratch):
     transport_frames(computed, motion.dt, space)
     slip_increment(computed, motion.dt, space)
     for q in range(m):
-        complete_contact(q, slots[q], space.before[slots[q] - first], space.start[step_start.NOW], motion, context, space)
-    call_part(context.spots_part, STAGE.GATHER, a, m, motion, context, island, scratch)
+        complete_contact(q, slots[q], space.start[step_start.NOW], motion, context, space)
+    call_part(context.spots_part, STAGE.TRIAL, a, m, motion, context, island, scratch)
     return m
 
 
 @njit(**BARE)
-def complete_contact(q, k, before, weight, motion, context, tile):
-    """Gather the rotation of contact q, candidate k; scale slip, rotation and travel where it closes within the step. `before`:
-    `depth_at` its start [m]; `weight`: `step_start.NOW`."""
-    I, at = tile.inputs, (law_input.HISTORY + context.n_history) * TILE + q  # noqa: E741
+def complete_contact(q, k, weight, motion, context, tile):
+    """Gather the rotation of contact q, candidate k; scale slip, rotation and travel where it closes within the step. `weight`:
+    `step_start.NOW`."""
+    I, at, start = tile.inputs, (law_input.HISTORY + context.n_history) * TILE + q, context.start_depths[k]  # noqa: E741
     if context.rolling > 0:
         gather_rolling(q, k, context, motion, tile)
     I[at + rolling_input.INVERSE_DT * TILE] = weight / motion.dt
-    I[at + rolling_input.MOVED * TILE] = depth_at(q, context, I) - before
-    if before < 0.0:
-        fraction = closed_fraction(q, before, context, I)
+    I[at + rolling_input.MOVED * TILE] = depth_at(q, context, I) - start
+    if start < 0.0:
+        fraction = closed_fraction(q, start, context, I)
         I[law_input.SLIP_X * TILE + q] *= fraction
         I[law_input.SLIP_Y * TILE + q] *= fraction
         if context.rolling > 0:
@@ -160,7 +160,8 @@ def observe_contact(q, k, radius, tile, diagnostics):
 
 @njit(**BARE)
 def residual(a, m, motion, context, island, scratch):
-    """Write the residual (7,) [N] of the body at position a and its patch, in the trial; sums and maxima to its `diagnostics`."""
+    """Write the residual (7,) [N] of the body at position a and its patch, in the trial, without contacts with other bodies
+    (`pairs.evaluate_pairs`); sums and maxima to its `diagnostics`."""
     b, space = body_at(a, island), space_at(a, scratch)
     r, diagnostics, S = space.residual, space.diagnostics, context.S
     call_part(context.spots_part, STAGE.RELIEVE, a, m, motion, context, island, scratch)
@@ -212,13 +213,6 @@ def add_force(f, point, upper, r):
 
 
 @njit(**BARE)
-def gradient_force(k, energy, context):
-    """Return the force (3,) [N] on the centre of a sphere on a rough plate (`contact_geometry.add_gradient_force`)."""
-    x, y, z = plates.three(context.Q, k, surface_contact.GRADIENT)
-    return -0.5 * energy * x, -0.5 * energy * y, -0.5 * energy * z
-
-
-@njit(**BARE)
 def add_inertial_forces(context, b, dt, space):
     """Subtract inertial forces; add load, dashpot, spring and inertia of the patch. Without inertia every step begins at rest: a
     weak spring to the start position (TETHER) makes the position of a body that slides on all its contacts unique, and a
@@ -226,7 +220,7 @@ def add_inertial_forces(context, b, dt, space):
     p, Z, T, B, P, y, r = context.patch[b], space.start, context.memory[b], context.B, context.P, space.trial, space.residual
     inertial = context.settings[step_settings.INERTIAL]
     l_1 = product(inertia_of(b, context.E, context.orientations), plates.three(B, b, body.SPIN))
-    now, last = Z[step_start.NOW] / dt, inertial * Z[step_start.BEFORE] / dt
+    now, last = Z[step_start.NOW] / dt, inertial * Z[step_start.LAST] / dt
     tether, fraction = Z[step_start.TETHER_STIFFNESS], Z[step_start.MASS_FRACTION]
     for k in range(3):
         dv = B[b, body.VELOCITY + k] - inertial * Z[step_start.VELOCITY + k]

@@ -18,7 +18,7 @@ from thirdbody.kernels import minima, plates
 from thirdbody.kernels.closest_point import Foot, inverse_of, log_radius_gradient, matrix_of
 from thirdbody.kernels.height_field import has_heights, jet_at, rounded_jet, within_period
 from thirdbody.kernels.implicit.contact import ZERO_TENSOR, add_plane, cross, difference, plate_contact, scaled_sum
-from thirdbody.kernels.implicit.jacobian import add_curved
+from thirdbody.kernels.implicit.jacobian import add_general
 from thirdbody.kernels.implicit.workspace import FREEDOMS, PART, STAGE, UPDATE_MINIMA, body_at, island_at, space_at, update_rough
 from thirdbody.kernels.minima import end_minimum, has_minimum, offset_of
 from thirdbody.kernels.plates import BASINS, is_upper
@@ -124,7 +124,7 @@ def accept_sphere(k, field, x, tables):
 
 @entry(UPDATE_MINIMA, **OPTIONS, **NO_COUNTS)
 def update_minima(stage, first, last, tables):
-    """Update the rows of candidates first to last in a trial (GATHER), for the Jacobian of the last one (TANGENTS), at the end of
+    """Update the rows of candidates first to last in a trial (TRIAL), for the Jacobian of the last one (TANGENTS), at the end of
     a step (ACCEPT)."""
     Q, k = tables.Q, minima.next_rough(first, last, tables)
     while k < last:
@@ -134,7 +134,7 @@ def update_minima(stage, first, last, tables):
         x = plates.to_surface(tables.partner[k], centre, tables.P)
         if stage == STAGE.ACCEPT:
             accept_sphere(k, field, x, tables)
-        elif stage == STAGE.GATHER and Q[k, surface_contact.MINIMA] != 0.0:
+        elif stage == STAGE.TRIAL and Q[k, surface_contact.MINIMA] != 0.0:
             follow_step(k, field, x, False, tables)
         elif stage == STAGE.TANGENTS and tables.D[domain.CURVED + upper] != 0.0:
             for a in range(BASINS):  # the gradient changes at minima within reach
@@ -180,8 +180,8 @@ def rough_part(stage, h, a, m, motion, context, islands, scratch):
         k = space.slots[q]
         bend, gradient = tensor_at(k, surface_contact.NORMAL_GRADIENT, Q), plates.three(Q, k, surface_contact.GRADIENT)
         shape = bend, gradient, tensor_at(k, surface_contact.GRADIENT_CHANGE, Q)
-        contact = plate_contact(q, b, motion.dt, shape, context, space)
+        contact = plate_contact(q, motion.dt, shape, context, space)
         if bend != ZERO_TENSOR:
-            add_curved(contact, space.jacobian, np.int64(FREEDOMS), np.int64(0))
+            add_general(contact, space.jacobian, np.int64(FREEDOMS), np.int64(0))
         else:
             add_plane(contact, context, space.jacobian)

@@ -26,8 +26,8 @@ ACCURACY = 1e-9  # change of a relieved strain over the largest that ends the sw
 def stiffness_of(q, context, space):
     """Return the stiffness of spot q [N/m], from Hertz' force and its relieved overlap."""
     G = space.geometry
-    depth = plates.overlap(space.slots[q], context) - G[q + geometry.RELIEF * TILE]
-    return 1.5 * G[q + geometry.SPOT_FORCE * TILE] / depth if depth > 0.0 else 0.0
+    relieved = plates.overlap(space.slots[q], context) - G[q + geometry.RELIEF * TILE]
+    return 1.5 * G[q + geometry.SPOT_FORCE * TILE] / relieved if relieved > 0.0 else 0.0
 
 
 @njit(**BARE)
@@ -91,7 +91,7 @@ def add_interaction(m, context, space):
 @entry(PART, **POINTED, **NO_COUNTS)
 def spots_part(stage, _, a, m, motion, context, islands, scratch):
     space = space_at(a, scratch)
-    if stage == STAGE.GATHER:
+    if stage == STAGE.TRIAL:
         G, a, b = space.geometry, geometry.RELIEF * TILE, geometry.SPOT_FORCE * TILE
         c, d = geometry.PULL * TILE, (geometry.PULL + 1) * TILE
         spots = Spots(G[a : a + TILE], G[b : b + TILE], G[c : c + TILE], G[d : d + TILE], space.outputs)
@@ -99,7 +99,7 @@ def spots_part(stage, _, a, m, motion, context, islands, scratch):
     elif stage == STAGE.RELIEVE:
         relieve(m, space)
     elif stage == STAGE.RESTORE:
-        restore(m, space)
+        restore(m, space.slots, context, space)
     elif stage == STAGE.PULL:
         add_interaction_energy(m, space)
         for q in range(m):  # the forces along the plate, at the centres of the spheres

@@ -58,14 +58,15 @@ ADDRESSES = (
 
 KINDS: Kinds = {
     **arguments.OBSERVED, **{name: arguments.KINDS[name] for name in SHARED},
-    # candidates with plates of each body, like `edges` and `incidence` of all
+    # candidates with plates of each body, like `edges` and `incidence` of all; they come first, in the order of bodies, so that
+    # `plate_edges` are numbers of candidates, too
     "plate_edges": _S1, "plate_incidence": _S1,
     # settings of the step control; totals and memory of each body
     "settings": _ROW, "totals": _TABLE, "memory": _TABLE,
     # of bodies under a common plate (`common_plate`), else empty
     "starts": _TABLE, "ends": _TABLE, "solutions": _TABLE,
-    # overlap plus reach of each candidate at the start of the step [m]: of pairs, and of all under a common plate
-    "initial_overlaps": _ROW,
+    # overlap plus reach of each candidate at the start of the step [m]
+    "start_depths": _ROW,
     # of spheres since the last search for islands (`sphere_path`), else empty
     "paths": _TABLE,
     # address of the laws' tangents
@@ -93,8 +94,6 @@ IslandTables, ISLAND_TABLES, islands_of = packed("IslandTables", ISLANDS)
 SPACE: Kinds = {
     # tile (`arguments.Tile`), and candidates of the contacts in it
     "inputs": _ROW, "outputs": _ROW, "tangents": _ROW, "geometry": _ROW, "slots": _I1,
-    # overlaps plus reach of all its candidates at the start of the step [m]
-    "before": _ROW,
     # coordinates (7,) of the iteration and of the trial, residual [N] and correction; derivative of the residual (49,) [N/m], or
     # its factors
     "y": _ROW, "trial": _ROW, "residual": _ROW, "correction": _ROW, "jacobian": _ROW,
@@ -110,7 +109,7 @@ SCRATCH: Kinds = {
     # packed `Space` of each body, and of each tile of contacts between bodies, whose candidates are padded
     "spaces": types.Array(_I, 2, "C"), "pair_spaces": types.Array(_I, 2, "C"),
     # their tables, row by row (`SPACE`)
-    **dict.fromkeys(("inputs", "outputs", "tangents", "geometry"), _TABLE), "slots": types.Array(_I, 2, "C"), "before": _TABLE,
+    **dict.fromkeys(("inputs", "outputs", "tangents", "geometry"), _TABLE), "slots": types.Array(_I, 2, "C"),
     "coordinates": _STACK, "jacobian": _TABLE, "diagnostics": _TABLE, "sums": _STACK, "starts": _TABLE,
     **dict.fromkeys(("pair_inputs", "pair_outputs", "pair_tangents", "pair_geometry"), _TABLE),
     "pair_slots": types.Array(_I, 2, "C"),
@@ -142,7 +141,7 @@ ADVANCE = types.void(_I, _I, types.float64, types.float64, PACKED, PACKED, PACKE
 
 class Stages(NamedTuple):
     START: int = 0  # the step begins
-    GATHER: int = 1  # a trial: contacts are gathered, or pairs evaluated
+    TRIAL: int = 1  # bodies are where a trial leads: closest points, solved spots, and what pairs add to the residuals
     RELIEVE: int = 2  # spots are solved and relieved before the laws,
     RESTORE: int = 3  # restored after them,
     PULL: int = 4  # and pulled
@@ -167,7 +166,7 @@ def make_scratch(context: Any, bodies: int, pairs: int, band: int, row: int) -> 
     tables = {name: np.zeros((bodies, width * TILE)) for name, width in widths.items()}
     tables |= {f"pair_{name}": np.zeros((tiles, width * TILE)) for name, width in widths.items()}
     shapes = {
-        "before": (bodies, row), "coordinates": (bodies, 4, FREEDOMS), "jacobian": (bodies, FREEDOMS * FREEDOMS),
+        "coordinates": (bodies, 4, FREEDOMS), "jacobian": (bodies, FREEDOMS * FREEDOMS),
         "diagnostics": (bodies, step_contacts.WIDTH), "sums": (bodies, 1, contact_sums.WIDTH),
         "starts": (bodies, step_start.WIDTH), "scales": (bodies, 2), "errors": (bodies, 2),
         "observed": (observed_body.WIDTH,), "rows": (row, context.width),
@@ -184,11 +183,11 @@ def spaces_of(tables: dict[str, np.ndarray]) -> tuple[list[Any], list[Any]]:
     rows, others = ("inputs", "outputs", "tangents", "geometry", "slots"), ("jacobian", "diagnostics", "sums", "starts")
     none, no_sums = np.zeros(0), np.zeros((0, contact_sums.WIDTH))
     bodies = [
-        Space(*(tables[name][a] for name in (*rows, "before")), *tables["coordinates"][a], *(tables[name][a] for name in others))
+        Space(*(tables[name][a] for name in rows), *tables["coordinates"][a], *(tables[name][a] for name in others))
         for a in range(len(tables["slots"]))
     ]
     pairs = range(len(tables["pair_slots"]))
-    return bodies, [Space(*(tables[f"pair_{name}"][t] for name in rows), *[none] * 7, no_sums, none) for t in pairs]  # type: ignore[call-arg]
+    return bodies, [Space(*(tables[f"pair_{name}"][t] for name in rows), *[none] * 6, no_sums, none) for t in pairs]  # type: ignore[call-arg]
 
 
 Island = namedtuple("Island", "number low n first_pair n_pairs half_width all")

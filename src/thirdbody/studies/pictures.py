@@ -1,0 +1,356 @@
+"""Pictures of studies: a sweep as curves over one axis with error bars, or maps over two; of cost, error over seconds."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from thirdbody.errors import InputError, UsageError, nearest
+from thirdbody.palette import INK, LINE_COLORS, SOFT_INK, STATE_COLORS
+from thirdbody.plot.figures import check_format, save
+from thirdbody.studies.cost import Row, Study, efficient, figure_of_merit, percent, recommended
+from thirdbody.studies.cost_report import reference_error, scatter_words, speed_words, stopped
+from thirdbody.studies.folder import Average, SweepTable, average
+from thirdbody.studies.results import EVER, FRACTION
+from thirdbody.studies.timing import described
+from thirdbody.units import prefix_for
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+CURVES = 6  # largest number of values of a second axis that are drawn as curves; more are a map
+PANEL = (4.3, 3.3)  # width and height of a panel [inch]
+PER_ROW = 3  # largest number of panels side by side
+# Results that maps, and curves for several values of a second axis, show if none are named: the first three that there are.
+ONE_BY_ONE = ("friction_coefficient", "fraction_rolling", "fraction_sliding", "fraction_sticking", "fraction_ever_rolling")
+
+COLORS = [LINE_COLORS[name] for name in ("blue", "vermilion", "green", "purple", "orange", "sky", "black")]
+Panel = tuple[str, tuple[str, ...]]  # a panel: its title and the results that it shows
+AXES = {  # axis of the study: label, colour, marker; shapes distinguish them without colours
+    "law": ("contact law and springs", LINE_COLORS["blue"], "o"),
+    "step": ("step of the integrator", LINE_COLORS["vermilion"], "s"),
+    "integrator": ("the other integrator", LINE_COLORS["green"], "D"),
+    "speed": ("speed of the plate", LINE_COLORS["sky"], "P"),
+    "fine": ("step with the finest law", LINE_COLORS["purple"], "^"),
+    "meeting": ("bodies that do not meet", LINE_COLORS["black"], "X"),
+}
+NOTHING = 1e-12  # smaller errors are drawn at this value: a variant with identical bits has none
+
+
+def draw_sweep(
+    sweep: SweepTable, out: Path | None = None, panels: Sequence[str] | None = None, x: str | None = None, y: str | None = None
+) -> Figure:
+    """Return the picture of a sweep, written to `out` if given. Raises UsageError, InputError and OutputError."""
+    from matplotlib.figure import Figure
+
+    if out is not None:
+        check_format(out)
+    x, y = _drawn_axes(sweep, x, y)
+    shown = average(sweep, x, y)
+    if not len(shown.x):
+        raise InputError(f"{sweep.path}: nothing to draw: no point is done yet")
+    is_map = y is not None and len(np.unique(shown.y)) > CURVES
+    listed = _panels(sweep, shown, panels)
+    columns = min(len(listed), PER_ROW)
+    rows = -(-len(listed) // columns)
+    figure = Figure(figsize=(PANEL[0] * columns, PANEL[1] * rows + 0.5), layout="constrained")
+    grid = np.atleast_1d(figure.subplots(rows, columns, squeeze=False)).ravel()
+    for axes, panel in zip(grid, listed, strict=False):
+        (_draw_map if is_map else _draw_curves)(axes, sweep, shown, panel)
+    for axes in grid[len(listed) :]:
+        axes.set_visible(False)
+    bars = "" if is_map else "; bars: standard error"
+    mean = f"\nmean over {', '.join(shown.averaged)} ({shown.largest} points{bars})" if shown.largest > 1 else ""
+    figure.suptitle((sweep.title or str(sweep.path)) + mean, fontsize=11, color=INK)
+    if out is not None:
+        save(figure, out)
+    return figure
+
+
+def _drawn_axes(sweep: SweepTable, x: str | None, y: str | None) -> tuple[str, str | None]:
+    """Return the axes of the picture: those named, else the one or two with the largest number of values that are no seeds."""
+    for option, key in (("x", x), ("y", y)):
+        if key is not None and key not in sweep.axes:
+            raise UsageError(f"{option} = {key}: is no axis of this sweep, {nearest(key, sweep.axes)}")
+    if x is not None:
+        return x, y
+    first = {column.axis: column for column in reversed(sweep.columns)}  # of keys that move together the first one
+    numbers = [column.key for _, column in sorted(first.items()) if not any(isinstance(value, str) for value in column.values)]
+    free = [key for key in numbers if _short(key) != "seed"] or numbers or list(sweep.axes)
+    counts = {key: len(set(sweep.column(key))) for key in free if key != y}
+    chosen = sorted(counts, key=lambda key: -counts[key])[:2]  # stable: the first of equal ones
+    return chosen[0], y if y is not None or len(chosen) < 2 else chosen[1]
+
+
+def _panels(sweep: SweepTable, shown: Average, names: Sequence[str] | None) -> list[Panel]:
+    """Return the panels: those named, else friction and the states."""
+    known = list(sweep.results)
+    for name in names or ():
+        if name not in known:
+            raise UsageError(f"panel {name}: is no result of this sweep, {nearest(name, known)}")
+    if names or shown.y_key is not None:
+        return [(_words(name), (name,)) for name in names or [name for name in ONE_BY_ONE if name in known][:3] or known[:3]]
+    ever = [name for name in known if name.startswith(EVER)]
+    states = [name for name in known if name.startswith(FRACTION) and name not in ever and np.nanmax(shown.values[name]) > 0.0]
+    panels: list[Panel] = [(_words(name), (name,)) for name in ("friction_coefficient", *ever) if name in known]
+    if states:
+        panels.insert(1, ("states at the end, fraction of the bodies", tuple(states)))
+    return panels or [(_words(name), (name,)) for name in known[:3]]
+
+
+def _words(name: str) -> str:
+    if name.startswith(EVER):
+        return f"ever {name.removeprefix(EVER)}, fraction of the bodies"
+    if name.startswith(FRACTION):
+        return f"{name.removeprefix(FRACTION)} at the end, fraction of the bodies"
+    return name.replace("_", " ")
+
+
+def _draw_curves(axes: Axes, sweep: SweepTable, shown: Average, panel: Panel) -> None:
+    """Draw each result over x: a curve per value of y, which has a colour; states have theirs."""
+    title, results = panel
+    x = _scaled(axes, "x", shown.x_key, sweep, shown.x)(shown.x)
+    for name in results:
+        for number, value in enumerate(np.unique(shown.y) if shown.y_key else [None]):
+            here = np.flatnonzero(shown.y == value) if shown.y_key else np.arange(len(x))
+            here = here[np.argsort(x[here], kind="stable")]
+            axes.errorbar(x[here], shown.values[name][here], yerr=shown.errors[name][here], capsize=2.5, linewidth=1.4,
+                          markersize=4.0, **_style(name, number, results, shown, sweep, value))  # fmt: skip
+    axes.set_title(title, fontsize=9.5, color=INK)
+    units = {sweep.results[name] for name in results} - {"1"}
+    axes.set_ylabel(f"[{units.pop()}]" if len(units) == 1 else "", fontsize=9)
+    if all(name.startswith(FRACTION) for name in results):
+        axes.set_ylim(-0.03, 1.03)
+    axes.grid(True, alpha=0.25, linewidth=0.6)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.tick_params(labelsize=8)
+    if len(axes.get_legend_handles_labels()[1]) > 1:
+        axes.legend(fontsize=7.5, frameon=False)
+
+
+def _style(name: str, number: int, results: Sequence[str], shown: Average, sweep: SweepTable, value: Any) -> dict[str, Any]:
+    """Return colour, marker and label of a curve: with several results colour means the state, else the value of y."""
+    markers, lines, several = "osD^vP", ("-", "--", ":", "-.", (0, (5, 1)), (0, (1, 1))), len(results) > 1
+    state, color = name.removeprefix(EVER).removeprefix(FRACTION), COLORS[number % len(COLORS)]
+    if several or value is None and state in STATE_COLORS:
+        color = STATE_COLORS.get(state, COLORS[0])
+    words = [state if name.startswith(FRACTION) else _words(name)] if several else []
+    if value is not None and shown.y_key is not None:
+        factor, unit = _scale(np.array(value), sweep.axes[shown.y_key])
+        words.append(f"{_short(shown.y_key)} = {f'{value * factor:.3g} {unit}' if unit else f'{value:g}'}")
+    return {"color": color, "marker": markers[number % len(markers)], "linestyle": lines[number % len(lines)],
+            "label": ", ".join(words) or None}  # fmt: skip
+
+
+def _draw_map(axes: Axes, sweep: SweepTable, shown: Average, panel: Panel) -> None:
+    """Draw a result over x and y: cells of a grid, or coloured points where they form none."""
+    title, [name] = panel
+    limits: dict[str, Any] = {"vmin": 0.0, "vmax": 1.0} if name.startswith(FRACTION) else {}
+    x, y, values = np.unique(shown.x), np.unique(shown.y), shown.values[name]
+    in_x, in_y = _scaled(axes, "x", shown.x_key, sweep, x), _scaled(axes, "y", shown.y_key or "", sweep, y)
+    if len(shown.x) >= 0.5 * len(x) * len(y):
+        cells = np.full((len(y), len(x)), np.nan)
+        cells[np.searchsorted(y, shown.y), np.searchsorted(x, shown.x)] = values
+        image: Any = axes.pcolormesh(in_x(_edges(x)), in_y(_edges(y)), cells, cmap="viridis", **limits)
+    else:
+        image = axes.scatter(in_x(shown.x), in_y(shown.y), c=values, s=28, cmap="viridis", edgecolors="white", linewidths=0.4,
+                             **limits)  # fmt: skip
+    axes.figure.colorbar(image, ax=axes).ax.tick_params(labelsize=8)
+    unit = sweep.results[name]
+    axes.set_title(title + ("" if unit == "1" else f" [{unit}]"), fontsize=9.5, color=INK)
+    axes.tick_params(labelsize=8)
+
+
+def _edges(centres: np.ndarray) -> np.ndarray:
+    """Return the edges of cells around sorted centres: midway, in logarithms where the centres are spaced so."""
+    if len(centres) < 2:
+        return np.array([centres[0] - 0.5, centres[0] + 0.5])
+    if _is_log(centres):
+        return np.asarray(np.exp(_edges(np.log(centres))))
+    middles = 0.5 * (centres[1:] + centres[:-1])
+    return np.concatenate([[2.0 * centres[0] - middles[0]], middles, [2.0 * centres[-1] - middles[-1]]])
+
+
+def _is_log(values: np.ndarray) -> bool:
+    """Return whether values are spread evenly on a logarithmic axis rather than on a linear one."""
+    distinct = np.unique(values)
+    if len(distinct) < 3 or distinct[0] <= 0.0 or distinct[-1] < 10.0 * distinct[0]:
+        return False
+    ratios, steps = np.diff(np.log(distinct)), np.diff(distinct)
+    return bool(np.ptp(ratios) / ratios.mean() < np.ptp(steps) / steps.mean())
+
+
+def _scale(values: np.ndarray, unit: str) -> tuple[float, str]:
+    return (1.0, "") if unit == "1" else prefix_for(float(np.abs(values).max(initial=0.0)), unit)
+
+
+def _scaled(axes: Axes, which: str, key: str, sweep: SweepTable, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """Label an axis of the picture, logarithmic for such values; return the function that scales values to its unit."""
+    factor, unit = _scale(values, sweep.axes[key])
+    getattr(axes, f"set_{which}label")(f"{key} [{unit}]" if unit else key, fontsize=9, color=SOFT_INK)
+    if _is_log(values):
+        getattr(axes, f"set_{which}scale")("log")
+    return lambda raw: raw * factor
+
+
+def _short(key: str) -> str:
+    return key.rpartition(".")[2]
+
+
+def picture_of_study(built: Study) -> Figure:
+    """Return the picture as a matplotlib figure."""
+    from matplotlib.figure import Figure
+
+    merit = figure_of_merit(built)
+    figure = Figure(figsize=(8.27, 6.0), layout="constrained")
+    axes = figure.add_subplot()
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.grid(True, which="major", alpha=0.25, linewidth=0.6)
+    axes.spines[["top", "right"]].set_visible(False)
+    points = _points(built, merit)
+    for axis, (label, color, marker) in AXES.items():
+        here = [row for row in points if row.variant.axis == axis and row is not built.reference]
+        if here:
+            x, y = zip(*(points[row] for row in here), strict=True)
+            axes.errorbar(x, y, xerr=_error_bars(here), fmt=marker, color=color,
+                          markersize=6.5, elinewidth=1.0, capsize=2.0, label=label, markeredgecolor="white", markeredgewidth=0.6,
+                          zorder=3)  # fmt: skip
+    front = [row for row in efficient(built) if row in points]
+    # steps: between two variants more time gains nothing until it suffices for the next one
+    axes.plot(*zip(*(points[row] for row in front), strict=True), color=INK, linewidth=1.2, linestyle="--",
+              drawstyle="steps-post", zorder=2, label="efficient front, to the reference")  # fmt: skip
+    ringed = _marks(axes, built, points, merit)
+    axes.margins(x=0.15, y=0.08)  # room for names
+    _names(axes, points, front, ringed)
+    what = {"friction_error": "friction curve", "mean_friction_error": "mean friction", "load_error": "load or gap"}[merit]
+    how = "relative" if merit == "mean_friction_error" else "rms over the mean"
+    axes.set_xlabel("seconds of one core for the integration (bar: how far the median may be off; bars that overlap are ties)",
+                    fontsize=9)  # fmt: skip
+    axes.set_ylabel(f"error of the {what} ({how})", fontsize=9)
+    axes.tick_params(which="both", labelsize=8)
+    _texts(figure, axes, built)
+    return figure
+
+
+def _points(built: Study, merit: str) -> dict[Row, tuple[float, float]]:
+    """Return seconds and error of the variants shown.
+
+    The reference is drawn at its estimated error, never above the end of the front, or below all others.
+    """
+    rows = [row for row in built.rows if row.stable and row.variant.axis in AXES and row is not built.reference]
+    shown = {row: (row.seconds, max(row.errors[merit], NOTHING)) for row in rows if math.isfinite(row.errors[merit])}
+    own, minimum = reference_error(built), min((height for _, height in shown.values() if height > NOTHING), default=1.0)
+    return shown | {built.reference: (built.reference.seconds, minimum / 3.0 if math.isnan(own) else min(own, minimum))}
+
+
+def _error_bars(rows: list[Row]) -> list[list[float]]:
+    halves = [min(row.timing.half, 0.9 * row.seconds) for row in rows]  # the axis is logarithmic: no zero
+    return [halves, halves]
+
+
+def _marks(axes: Any, built: Study, points: dict[Row, tuple[float, float]], merit: str) -> set[Row]:
+    """Draw rings, the reference and the line of the steps' effect; return the rows with a ring."""
+    default, best, reference = built.default, recommended(built)[0], built.reference
+    ringed = set()
+    for row, color, size, label in (
+        (default, LINE_COLORS["black"], 15.0, "as in the scene"), (best, LINE_COLORS["orange"], 20.0, "recommended"),
+    ):  # fmt: skip
+        if row is not None and row.stable and not row.variant.reference:
+            axes.plot(*points[row], "o", markersize=size, markerfacecolor="none", markeredgecolor=color,
+                      markeredgewidth=1.6, label=label, zorder=4)  # fmt: skip
+            ringed.add(row)
+    apart, lowest = built.scatter.get(merit, 0.0), min(y for _, y in points.values())
+    if apart > 0.1 * lowest:  # far below all errors words suffice
+        label = "runs from starts 1e-9 apart differ by this"
+        axes.axhspan(0.0, apart, color=SOFT_INK, alpha=0.15, linewidth=0.0, zorder=0, label=label)
+    x, y = points[reference]
+    own = reference_error(built)
+    unknown = math.isnan(own)
+    label = "reference (its error is 0 by definition)" if unknown else f"reference (its own error: about {percent(own)})"
+    marker, size = ("v", 7.0) if unknown else ("*", 10.0)
+    axes.errorbar([x], [y], xerr=_error_bars([reference]), fmt=marker, color=INK, markersize=size, markerfacecolor="white",
+                  elinewidth=1.0, capsize=2.0, label=label, zorder=3)  # fmt: skip
+    laws = [row for row in built.rows if row.variant.axis == "law" and row.stable and row is not reference]
+    if laws and laws[-1].errors[merit] > 0.0:
+        axes.axhline(laws[-1].errors[merit], color=SOFT_INK, linewidth=1.0, linestyle="-.", zorder=1,
+                     label=f"{laws[-1].variant.name}: what the step alone changes")  # fmt: skip
+    return ringed
+
+
+Box = tuple[float, float, float, float]  # left, bottom, right and top of an item of the picture, in its pixels
+
+
+def _names(axes: Any, points: dict[Row, tuple[float, float]], front: list[Row], ringed: set[Row]) -> None:
+    """Draw a name near each point, where it covers the least: other names and points first, then the front."""
+    from matplotlib.patheffects import withStroke
+
+    axes.figure.canvas.draw()
+    scale = axes.figure.dpi / 72.0
+    dots = {row: axes.transData.transform(point) for row, point in points.items()}
+    occupied: list[Box] = []
+    corners, inside = [dots[row] for row in front], axes.bbox.extents
+    pairs = list(zip(corners, corners[1:], strict=False))
+    steps = [(a[0], a[1], b[0], a[1]) for a, b in pairs]
+    steps += [(b[0], min(a[1], b[1]), b[0], max(a[1], b[1])) for a, b in pairs]
+    own = next((row.variant.name.split(",")[0] for row in points if row.variant.axis != "law"), "")
+    for row in sorted(points, key=lambda row: dots[row][0]):
+        text, (x, y) = row.variant.name.removeprefix(f"{own}, "), dots[row]
+        width, height = 3.9 * len(text) * scale, 9.5 * scale
+        off = 9.0 if row in ringed else 0.0  # outside the ring
+        others = [(px - r, py - r, px + r, py + r) for key, (px, py) in dots.items() if key != row
+                  for r in (scale * (10.5 if key in ringed else 1.5),)]  # fmt: skip
+        result: list[tuple[float, Box, tuple[float, float]]] = []
+        for dx, dy in ((dx + math.copysign(off, dx), dy + math.copysign(0.5 * off, dy)) for dx, dy in _AROUND):
+            left, middle = x + dx * scale - (width if dx < 0 else 0.0), y + dy * scale
+            box = (left, middle - 0.5 * height, left + width, middle + 0.5 * height)
+            out = box[0] < inside[0] or box[2] > inside[2] or box[1] < inside[1] or box[3] > inside[3]
+            hidden = sum(_boxes_overlap(box, other) for other in [*occupied, *others]) + out
+            crossed = any(_boxes_overlap(box, step) for step in steps)
+            away = 0.1 * math.hypot(dx, dy) + 0.8 * (dx < 0) + 0.4 * (dy < 0)  # prefer above and to the right
+            result.append((10.0 * hidden + 1.5 * crossed + away, box, (dx, dy)))
+        _, box, shift = min(result)
+        occupied.append(box)
+        distant = max(abs(shift[0]) - 6.0, abs(shift[1])) > 12.0 + off
+        axes.annotate(text, points[row], xytext=shift, textcoords="offset points", fontsize=7.0, va="center",
+                      ha="left" if shift[0] > 0 else "right", color=INK, zorder=5,
+                      path_effects=[withStroke(linewidth=2.0, foreground="white")],
+                      arrowprops={"arrowstyle": "-", "color": SOFT_INK, "linewidth": 0.5} if distant else None)  # fmt: skip
+
+
+def _boxes_overlap(a: Box, b: Box) -> bool:
+    return a[0] <= b[2] and b[0] <= a[2] and a[1] <= b[3] and b[1] <= a[3]
+
+
+_AROUND = [
+    (dx, side * dy) for distant in (3, 45, 90) for dy in (9, 18, 27, 36, 48) for side in (1, -1) for dx in (distant, -distant)
+]
+"""Offsets of a name from its point [points]."""
+
+
+def _texts(figure: Any, axes: Any, built: Study) -> None:
+    report, failed = built.machine, list[str]()
+    for message, names in stopped(built).items():  # without the time at which a run stopped
+        reason = message.partition(": ")[2] if message.startswith("stopped at") and ": " in message else message
+        failed.append(f"{'; '.join(names)} ({textwrap.shorten(reason.split(',')[0], 80, placeholder=' ...')})")
+    lines = [
+        f"Recommended: {recommended(built)[1].replace('`', '')}.",
+        f"Computed: {'; '.join(built.reduction) or 'the whole scene'}; {described(report)}, one of {report['cores']} cores.",
+        *(words[0].upper() + words[1:] + "." for words in (scatter_words(built), speed_words(built)) if words),
+        *([f"Not shown: {'. '.join(failed)}."] if failed else []),
+    ]
+    add_texts(figure, axes, f"What accuracy costs: {built.title or built.scene}", lines, 118)
+    figure.legend(fontsize=8, frameon=False, loc="outside lower left", ncols=3, markerscale=0.6)
+
+
+def add_texts(figure: Any, axes: Any, title: str, lines: Iterable[str], width: int) -> None:
+    """Write the title of a picture, and lines below it, each wrapped to so many letters."""
+    figure.suptitle(title, fontsize=12, fontweight="bold", x=0.01, ha="left", color=INK)
+    text = "\n".join(line for text in lines for line in textwrap.wrap(text, width))
+    axes.set_title(text, loc="left", fontsize=8, color=SOFT_INK)
