@@ -56,7 +56,8 @@ def read_bytes(path: str | os.PathLike[str], key: str = "", what: str = "file", 
         reason = "no such file" + ("; give the path from the folder of the scene, or an absolute one" if what == "file" else "")
     except (OSError, ValueError) as error:  # ValueError: a null byte in the name
         reason = f"cannot be read: {getattr(error, 'strerror', error)}"
-    raise InputError(Fault(key, reason, os.fspath(path)))
+    name = os.fspath(path)
+    raise InputError(Fault(key, reason, name if len(name) < 200 else f"{name[:200]}..."))
 
 
 @contextmanager
