@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+import trimesh
 from hypothesis import HealthCheck, settings
 from shared_runs import SHARED
 
@@ -73,3 +74,12 @@ def shared_run(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path
         return folder / name
 
     return of
+
+
+@pytest.fixture
+def stone(tmp_path: Path) -> trimesh.Trimesh:
+    """An ellipsoid of 5.0, 4.0 and 3.0 half axes, also in the file rock.stl."""
+    mesh = trimesh.creation.icosphere(subdivisions=3, radius=5.0)
+    mesh.apply_scale([1.0, 0.8, 0.6])
+    mesh.export(tmp_path / "rock.stl")
+    return mesh

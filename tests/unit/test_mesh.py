@@ -251,14 +251,6 @@ REST = """[domain]\nsize = ["150 um", "150 um"]\n[plates.lower]\nmaterial = "ste
 SIZE = 'size = {distribution = "uniform", min = "6 um", max = "12 um"}\n'
 
 
-@pytest.fixture
-def stone(tmp_path):
-    mesh = trimesh.creation.icosphere(subdivisions=3, radius=5.0)
-    mesh.apply_scale([1.0, 0.8, 0.6])
-    mesh.export(tmp_path / "rock.stl")
-    return mesh
-
-
 def rocks(folder, *names):
     """Mesh files of different shapes, each flatter than the one before; their volumes in units of the files."""
     folder.mkdir(exist_ok=True)

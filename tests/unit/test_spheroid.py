@@ -6,7 +6,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-import trimesh
 from each import each
 from PIL import Image
 from scipy.integrate import quad
@@ -195,33 +194,25 @@ count = 2
 
 
 @pytest.fixture
-def rock(tmp_path):
-    mesh = trimesh.creation.icosphere(subdivisions=3, radius=5.0)
-    mesh.apply_scale([1.0, 0.8, 0.6])
-    mesh.export(tmp_path / "rock.stl")
-    return mesh
-
-
-@pytest.fixture
 def call(command):
     return partial(command, "shapes")
 
 
 @pytest.fixture
-def scene(tmp_path, rock):
+def scene(tmp_path, stone):
     path = tmp_path / "scene.toml"
     path.write_text(scene_text(SHAPED, '["150 um", "150 um"]'), encoding="utf-8")
     return path
 
 
-def test_a_mesh_is_reported_by_its_own_volume_and_inertia(call, rock):
+def test_a_mesh_is_reported_by_its_own_volume_and_inertia(call, stone):
     code, out, _ = call("rock.stl", "--unit", "1 um", "--spheres", 8, "--json")
     (entry,) = json.loads(out)["populations"]
     fit = entry["fit"]
     # STL holds single precision
-    assert code == 0 and entry["volume"]["mean"] == pytest.approx(rock.volume * 1e-18, rel=1e-6, abs=0.0)
-    assert fit["mesh_volume"] == pytest.approx(rock.volume * 1e-18, rel=1e-6, abs=0.0)
-    moments = np.sort(np.linalg.eigvalsh(rock.moment_inertia)) * 1e-30
+    assert code == 0 and entry["volume"]["mean"] == pytest.approx(stone.volume * 1e-18, rel=1e-6, abs=0.0)
+    assert fit["mesh_volume"] == pytest.approx(stone.volume * 1e-18, rel=1e-6, abs=0.0)
+    moments = np.sort(np.linalg.eigvalsh(stone.moment_inertia)) * 1e-30
     assert [moment["mean"] for moment in entry["inertia"]] == pytest.approx(moments, rel=1e-5, abs=0.0)
     assert entry["count"] == 1 and entry["spheres"]["max"] == 8
     assert 0.0 < fit["rms"] < fit["maximum"] < 0.3
@@ -247,10 +238,10 @@ def test_every_population_of_a_scene_is_reported(call, scene):
     assert "fit" in rocks and "fit" not in rough
 
 
-def test_a_folder_of_meshes_is_reported_mesh_by_mesh(call, scene, tmp_path, rock):
+def test_a_folder_of_meshes_is_reported_mesh_by_mesh(call, scene, tmp_path, stone):
     (tmp_path / "scans").mkdir()
     for name, height in (("a.stl", 1.0), ("b.stl", 0.5)):
-        mesh = rock.copy()
+        mesh = stone.copy()
         mesh.apply_scale([1.0, 1.0, height])
         mesh.export(tmp_path / "scans" / name)
     code, out, _ = call("scans", "--unit", "1 um", "--spheres", 6, "--json")

@@ -1,6 +1,5 @@
 """Data of a run for the panels of its page: series from the start of the drag on, path of the plate, contacts of a frame."""
 
-import tomllib
 from collections.abc import Callable, Iterable
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -75,20 +74,12 @@ class RunData:
         return fractions_text(portions, len(portions))
 
     @cached_property
-    def scene(self) -> dict[str, Any]:
-        """Scene as tables, empty when it cannot be read."""
-        try:
-            return tomllib.loads(self.run.scene_text)
-        except tomllib.TOMLDecodeError:
-            return {}
-
-    @cached_property
     def pair_friction(self) -> list[float]:
         """Friction coefficients of the debris against the plates given by the scene, unique, ascending."""
-        plates = {plate.get("material") for plate in self.scene.get("plates", {}).values()}
-        debris = {part.get("material") for part in self.scene.get("debris", ())}
+        plates = {plate.get("material") for plate in self.run.scene_tables.get("plates", {}).values()}
+        debris = {part.get("material") for part in self.run.scene_tables.get("debris", ())}
         result = set()
-        for pair in self.scene.get("pairs", ()):
+        for pair in self.run.scene_tables.get("pairs", ()):
             first, second = pair["between"]
             if (first in plates and second in debris) or (second in plates and first in debris):
                 result.add(float(pair["friction"]))

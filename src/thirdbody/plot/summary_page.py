@@ -65,7 +65,7 @@ def page(run: RunFile, panels: Sequence[str] | None = None, frame: int = -1) -> 
     if not there:
         raise InputError(f"{run.path}: nothing to plot: {'; '.join(dict.fromkeys(missing.values()))}")
     # where the scene prescribes the gap, the load is a result
-    gap_is_set = data.scene.get("plates", {}).get("upper", {}).get("gap") is not None
+    gap_is_set = data.run.scene_tables.get("plates", {}).get("upper", {}).get("gap") is not None
     wanted = panels or [name for name in there if name != ("gap" if gap_is_set and "load" in there else "load")]
     return _compose(data, [(PANELS | series)[name] for name in dict.fromkeys(wanted)])
 

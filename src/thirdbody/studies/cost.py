@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -69,7 +68,7 @@ def read_outcome(folder: Path) -> Outcome | None:
             distance=float(series["distance"][-1]),
             residual=run.summary().get("energy_residual"),
             period=size if domain["periodic"] else np.full(2, np.inf),
-            gap_set="gap" in tomllib.loads(run.scene_text).get("plates", {}).get("upper", {}),
+            gap_set="gap" in run.scene_tables.get("plates", {}).get("upper", {}),
         )
 
 
