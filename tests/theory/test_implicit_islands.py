@@ -5,11 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components, reverse_cuthill_mckee
+from scipy.spatial import cKDTree
 from slow import slow
 
 from thirdbody.engine.accuracy import MEETING_RADII
 from thirdbody.engine.guards import Ledger
-from thirdbody.engine.islands import STRIDE
+from thirdbody.engine.islands import STRIDE, _connected
 from thirdbody.engine.snapshot import restore, snapshot
 from thirdbody.kernels.arguments import Motion
 from thirdbody.kernels.implicit import common_plate
@@ -30,6 +33,16 @@ BLOCK = tuple(
     {"center": (4e-6 * x, 4e-6 * y, 0.0), "radius": R}
     for x, y in [(0.0, 0.0)] + [(math.cos(k * math.pi / 3.0), math.sin(k * math.pi / 3.0)) for k in range(6)]
 )  # seven balls as high as one: it cannot tip
+
+
+def test_islands_and_the_order_of_their_bodies_are_those_of_scipy():
+    random = np.random.default_rng(7)
+    for n, side in ((1, 1.0), (3, 1.0), (60, 4.0), (60, 7.0), (900, 28.0), (900, 45.0)):  # one island of all to most alone
+        a, b = cKDTree(random.uniform(0.0, side, (n, 2))).query_pairs(1.0, output_type="ndarray").T.astype(np.int64)
+        graph = coo_matrix((np.ones(2 * len(a)), (np.append(a, b), np.append(b, a))), (n, n)).tocsr()
+        number, order = _connected(a, b, n)
+        np.testing.assert_array_equal(number, connected_components(graph, directed=False)[1])
+        np.testing.assert_array_equal(order, reverse_cuthill_mckee(graph, symmetric_mode=True))
 
 
 def dragged(make, debris, pairs=None, speed=1e-3, plate=None, friction=MU, settle=2e-5, contact="auto", **solver):

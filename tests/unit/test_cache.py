@@ -5,6 +5,7 @@ import os
 import pwd
 import shutil
 import stat
+import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -231,6 +232,42 @@ def test_a_cache_serves_a_source_with_another_time_and_no_other_source(load, tmp
     (tmp_path / "law.py").write_text(TEXT + "# another\n")
     cache._digest_of.cache_clear()  # as in a new process
     assert load() == MISS
+
+
+FUNCTIONS = """
+import sys
+import numpy as np
+from thirdbody.jit import options
+from numba import njit
+
+@njit(cache=True)
+def table(x): return {"a": x, "b": 2.0}["a"] + len({x, 2.0})
+@njit(cache=True)
+def matrix(x): return np.linalg.solve(x * np.eye(2), np.ones(2)), np.eye(2) @ np.ones((2, 2)), np.sort(np.ones(3))
+@njit(cache=True)
+def random(x):
+    np.random.seed(3)
+    return np.random.gamma(x), np.random.randint(0, 9), (x + 1j) ** 2.5, [x, 2.0]
+@njit(cache=True)
+def words(x): return "a" + str(int(x)), ("b", x), np.float32(x)
+@njit(cache=True)
+def plain(x):
+    if x < 0.0:
+        raise ValueError(str(x))
+    return x + np.zeros(3)
+
+function = globals()[sys.argv[1]]
+print(function(1.5), [sum(count.values()) for count in (function.stats.cache_hits, function.stats.cache_misses)])
+"""
+
+
+def test_functions_of_plug_ins_are_loaded_without_the_compiler_whatever_they_call(tmp_path):
+    """A symbol that compiled code lacks would end the process. Each in two processes: the second has not loaded the compiler."""
+    (tmp_path / "functions.py").write_text(FUNCTIONS)
+    for name in ("table", "matrix", "random", "words", "plain"):
+        command, where = [sys.executable, "functions.py", name], os.environ | {cache.VARIABLE: str(tmp_path / "cache")}
+        first, second = (subprocess.check_output(command, cwd=tmp_path, env=where, text=True) for _ in range(2))
+        assert first.endswith("[0, 1]\n") and second == first.replace("[0, 1]\n", "[1, 0]\n"), name
 
 
 def test_a_full_disk_while_compiling_is_reported_in_one_line(load, monkeypatch, tmp_path):

@@ -136,6 +136,7 @@ def compile_physics(scene: Scene, registry: Registry) -> CompiledPhysics:
         measures=_compiled_measures(scene, measures, measure_values, pairs) if measures else None,
         pull_off=_pull_off_forces(chain.laws, pairs, values),
     )
+    vars(physics).update(vars(chain))  # what is compiled already
     off = tuple(law.name for law in laws if not law.wanted(pairs))
     options = {law.name: values.get(law.name, {}) for law in chain.laws}
     compiled = CompiledPhysics(physics, family, level, labeller, effects, interactions, materials, pairs, off, options, measures)

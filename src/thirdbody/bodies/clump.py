@@ -18,8 +18,8 @@ _TOUCH = 1e-9
 _TWICE = 1e-9
 # Rounding of the sums over slices; the stated error is never smaller than this.
 _ROUNDING = 1e-13
-# Size of a stack of bodies: with 1e5, tables of pairs of spheres and break heights stay in the cache.
-_MAX_BLOCK = 30_000
+# Largest size of a stack, spheres cubed times bodies: numpy then works on arrays, not on calls; some 30 MB.
+LARGEST_STACK = 500_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +150,7 @@ def clumps(centers: np.ndarray, radii: np.ndarray) -> list[Clump]:
     Finite centers and positive radii are assumed. InputError: spheres of a body that are not connected.
     """
     bodies: list[Clump] = []
-    for _, members in stacks(np.full(len(radii), radii.shape[1]), _MAX_BLOCK):
+    for _, members in stacks(np.full(len(radii), radii.shape[1]), LARGEST_STACK):
         bodies += _with_frames(centers[members], radii[members])[0]
     return bodies
 

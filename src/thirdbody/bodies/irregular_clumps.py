@@ -6,7 +6,7 @@ from statistics import NormalDist
 
 import numpy as np
 
-from thirdbody.bodies.clump import Clump, clump, clumps, sphere_points, stacks, touched
+from thirdbody.bodies.clump import LARGEST_STACK, Clump, clump, clumps, sphere_points, stacks, touched
 from thirdbody.bodies.union_moments import longest_links
 from thirdbody.errors import Fault, InputError
 from thirdbody.rotations import dot
@@ -31,9 +31,8 @@ _COVER = 4.0
 _CORED = 5
 # Candidate points per sphere or asperity, of which the farthest from those placed before is chosen (best candidate).
 _CANDIDATES = 12
-# Bodies with open random streams, and size of a stack of them: with 1e5 its tables stay in the cache.
+# Bodies with open random streams.
 _BLOCK = 4096
-_MAX_BLOCK = 100_000
 # The radius of asperities depends on the size of the whole body, which they change: each iteration reduces the misfit
 # to less than this fraction (at most 0.5; 0.01 for small ones), so that rounding is reached long before the limit.
 _ROUNDS = 60
@@ -102,7 +101,7 @@ def population(
         n_spheres = np.array([rng.integers(spheres[0], spheres[1] + 1) for rng in rngs])
         wide = diameters(rngs, **size)
         built: dict[int, Clump] = {}
-        for n, members in stacks(n_spheres, _MAX_BLOCK):
+        for n, members in stacks(n_spheres, LARGEST_STACK):
             grown = _irregulars([rngs[k] for k in members], n, aspect, wide[members], angularity)
             built.update(zip(members.tolist(), grown, strict=True))
         for k, rng in enumerate(rngs):

@@ -27,7 +27,7 @@ _TOLERANCE = 2e-7
 # Largest number of distances from marks to centers in memory at once: a hundred spheres have 33 million.
 _MEASURED = 1_000_000
 # Bodies per thread below which another thread does not pay.
-_FEW = 64
+_FEW = 8
 
 
 class Rule(NamedTuple):

@@ -301,10 +301,13 @@ def _contact_bounds(
     state: State, horizon: float, max_overlap: float, candidates: Candidates | None = None
 ) -> tuple[Ints, Array, Array]:
     """Return candidates for the shortest step: bodies, their bounds (n, 4), bounds of patches (m, 4)."""
-    slots, physics = candidates or state.slots, state.physics
+    slots, physics, P, upper = candidates or state.slots, state.physics, state.P, state.world.upper
+    if upper is not None and upper.schedule.load:  # the largest until the next bound, as steps may grow
+        largest, P = upper.schedule.largest_load(state.time, state.time + 1.5 * horizon), P.copy()
+        P[:, patch.LOAD] = np.maximum(P[:, patch.LOAD], largest * P[:, patch.NOMINAL_LOAD])
     context = limits.Assembly(  # type: ignore[call-arg]
         slots.n_plates, slots.own, slots.partner, slots.kind, slots.edges, slots.incidence, state.body, state.S, state.B,
-        state.E, state.orientations, _pressed(state, horizon), slots.Q, state.D, physics.pairs,
+        state.E, state.orientations, P, slots.Q, state.D, physics.pairs,
     )  # fmt: skip
     drag = float(state.A[run_totals.PLATE_SPEED]) * state.A[run_totals.HEADING2]
     tables = limits.Tables(  # each allocation in a kernel would cost 0.1 s of compilation
@@ -327,15 +330,6 @@ def _contact_bounds(
     distribute(bodies, lambda: lambda piece: limits.bound_bodies(*piece, context, np.empty(width, np.int32), tables))
     result = limits.shortest_steps(many, context, ahead.time, np.empty(width, np.int32), tables)
     return tables.number[:result], tables.bodies[:result], tables.patches
-
-
-def _pressed(state: State, horizon: float) -> Array:
-    """Return the patches under their largest load until the next bound (1.5 horizons, as steps may grow)."""
-    P, upper = state.P, state.world.upper
-    if upper is not None and upper.schedule.load:
-        largest, P = upper.schedule.largest_load(state.time, state.time + 1.5 * horizon), P.copy()
-        P[:, patch.LOAD] = np.maximum(P[:, patch.LOAD], largest * P[:, patch.NOMINAL_LOAD])
-    return P
 
 
 def _steps(result: Array) -> Array:

@@ -41,8 +41,7 @@ class Ledger:
     truncation error: `numerical` is zero, and the residual is the truncation error. Friction dissipates the work of the mean
     force of each step (`kernels.books`), so the residual comes from springs and dashpots in the normal
     direction, from rotations, and from laws that create energy. The implicit integrator (BDF2 with backward-Euler starts) damps;
-    its loss is computed in every step and reported as `numerical`.
-    """
+    its loss is computed in every step and reported as `numerical`."""
 
     def __init__(self, state: State):
         self.start = sum(stored_energies(state))

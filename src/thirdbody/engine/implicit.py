@@ -55,8 +55,7 @@ class Implicit:
     """Implicit integrator of a state.
 
     `tangents`: compiled tangents of the laws; `overlap`: expected overlap [m]; `together`: all bodies carry one free plate, the
-    last patch. A step ends at every stop, so there are no stops except outputs.
-    """
+    last patch. A step ends at every stop, so there are no stops except outputs."""
 
     divisible = False
 

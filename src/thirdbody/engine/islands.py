@@ -76,21 +76,18 @@ def single_bodies(n: int) -> Islands:
 def islands_of(state: State, slots: Candidates, threads: int) -> Islands:
     """Return the islands that the candidates between bodies connect, in the order of their expected cost, falling; their bodies
     so that those that could meet are close (reverse Cuthill-McKee), and the Jacobian is a narrow band."""
-    from scipy.sparse.csgraph import reverse_cuthill_mckee
-
     k = np.arange(slots.n_plates, slots.count)
     a, b, n = state.body[slots.own[k]], state.body[slots.partner[k]], state.n_bodies
-    graph, count, number = _connected(np.concatenate((a, b)), np.concatenate((b, a)), n)
-    sizes = np.bincount(number, minlength=count)
-    near = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.int64)
+    number, near = _connected(a, b, n)
+    sizes = np.bincount(number)
     bodies = near[np.argsort(number[near], kind="stable")]
     body_edges = np.concatenate(([0], np.cumsum(sizes)))
     position = np.empty(n, np.int64)
     position[bodies] = np.arange(n) - np.repeat(body_edges[:-1], sizes)
     of_pair = number[a]
     pairs = k[np.argsort(of_pair, kind="stable")]
-    pair_edges = np.concatenate(([0], np.cumsum(np.bincount(of_pair, minlength=count))))
-    widths = np.zeros(count, np.int64)
+    pair_edges = np.concatenate(([0], np.cumsum(np.bincount(of_pair, minlength=len(sizes)))))
+    widths = np.zeros(len(sizes), np.int64)
     np.maximum.at(widths, of_pair, np.abs(position[a] - position[b]))
     costs = sizes * (1.0 + widths) ** 2
     order = np.argsort(-costs, kind="stable")
@@ -100,13 +97,25 @@ def islands_of(state: State, slots: Candidates, threads: int) -> Islands:
     return Islands(tables, sizes, number, _pieces(costs[order], threads))
 
 
-def _connected(a: Ints, b: Ints, n: int) -> tuple[Any, int, Ints]:
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    graph = coo_matrix((np.ones(len(a)), (a, b)), shape=(n, n)).tocsr()
-    count, number = connected_components(graph, directed=False)
-    return graph, int(count), number.astype(np.int64)
+def _connected(a: Ints, b: Ints, n: int) -> tuple[Ints, Ints]:
+    """Return the island (n,) of each body, numbered by their first bodies, and all bodies (n,) in reverse Cuthill-McKee order.
+    Both as of scipy.sparse.csgraph, whose import would take a tenth of a start."""
+    ends = np.unique(np.concatenate((a * n + b, b * n + a)))
+    degree = np.bincount(ends // n, minlength=n)
+    near, edges, degrees = (ends % n).tolist(), [0, *np.cumsum(degree).tolist()], degree.tolist()
+    order, island = list[int](), [-1] * n
+    for seed in np.argsort(degree.astype(np.int32)).tolist():
+        queue = [seed] if island[seed] < 0 else []
+        for body in queue:  # which grows
+            island[body] = seed
+            new = [other for other in near[edges[body] : edges[body + 1]] if island[other] < 0]
+            for other in new:
+                island[other] = seed
+            queue += sorted(new, key=degrees.__getitem__)
+        order += queue
+    first = np.full(n, n)
+    np.minimum.at(first, island, np.arange(n))
+    return np.unique(first[island], return_inverse=True)[1], np.array(order, np.int64)[::-1]
 
 
 def _pieces(costs: np.ndarray, threads: int) -> list[tuple[int, int]]:
@@ -148,20 +157,16 @@ def island_stride(state: State) -> float:
 
 def expected_islands(state: State) -> ExpectedIslands:
     """Return the islands that a state at the start lets expect; a body without neighbours is an island of one."""
-    sizes, stride = _island_sizes(state), island_stride(state)
-    n, apart = state.n_bodies, int(np.count_nonzero(sizes == 1))
-    largest = 1 + round(LARGEST_GROWTH * (int(sizes.max(initial=1)) - 1)) if state.world.debris_meets else 1
+    sizes, stride = np.ones(state.n_bodies, np.int64), island_stride(state)
+    if state.world.debris_meets:
+        own, partner = search_pairs(state, MARGIN * stride)
+        sizes = np.bincount(_connected(state.body[own], state.body[partner], state.n_bodies)[0])
+    n = state.n_bodies
+    largest = 1 + round(LARGEST_GROWTH * (int(sizes.max(initial=1)) - 1))
     return ExpectedIslands(
         stride=stride,
         area_fraction=math.pi * float((state.rayleigh_radius**2).sum()) / (state.world.size[0] * state.world.size[1]),
-        fraction_of_bodies=1.0 - apart / n,
+        fraction_of_bodies=1.0 - int(np.count_nonzero(sizes == 1)) / n,
         mean=min(n, 1.0 + GROWTH * (float((sizes.astype(float) ** 2).sum()) / n - 1.0)),
         largest=min(n, largest),
     )
-
-
-def _island_sizes(state: State) -> np.ndarray:
-    own, partner = search_pairs(state, MARGIN * island_stride(state)) if state.world.debris_meets else ((), ())
-    if not len(own):
-        return np.ones(state.n_bodies, np.int64)
-    return np.bincount(_connected(state.body[own], state.body[partner], state.n_bodies)[2])

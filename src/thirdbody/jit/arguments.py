@@ -88,8 +88,7 @@ class Unpacked(types.Type):  # type: ignore[misc]
 
     A named tuple of sixty tables would be four hundred arguments of each function that takes it. `names`: the named tuple that
     these arguments are in Python. Unless `changing`, words must not change while a compiled function may read them: they are
-    loaded as invariant.
-    """
+    loaded as invariant."""
 
     def __init__(self, kinds: Kinds, names: type, changing: bool = False) -> None:
         super().__init__(name=f"{'changing' if changing else 'unpacked'} {names.__name__}")

@@ -41,6 +41,8 @@ LAYERS = ("jit", "kernels", "laws", "bodies", "engine", "statics")  # packages w
 
 SIZE = hashlib.sha256().digest_size
 
+TESTED = ("0.67.", "0.68.")  # prefixes of the versions of numba whose internals are known
+
 note = ""  # message for the user about the folder, shown when code is compiled into it
 
 _frozen: set[str] = set()
@@ -94,8 +96,7 @@ def paused(what: str) -> Iterator[None]:
 
     Imports, the compiler and a scene's bodies are a million objects with few cycles among them, which it would traverse
     repeatedly, and once more when the program ends: a third of a start. The exemption applies only the first time for each
-    `what`: a program that makes a thousand simulations gets the memory of each back.
-    """
+    `what`: a program that makes a thousand simulations gets the memory of each back."""
     if not gc.isenabled():  # nested, or disabled by the user
         yield
         return
@@ -232,9 +233,9 @@ def _is_whole(path: str) -> bool:
     return hashlib.sha256(content[:-SIZE]).digest() == content[-SIZE:]
 
 
-def _check_files() -> None:
-    """Make numba use checked files for every function that it caches from now on; OutputError tells of those it cannot write."""
-    from numba.core import caching, dispatcher
+def _checked_files() -> tuple[Any, Any]:
+    """Return numba's classes of a cached function's files and of their folder; the files with a checksum."""
+    from numba.core import caching
 
     class Files(caching.IndexDataCacheFile):  # type: ignore[misc]
         def _load_index(self) -> Any:
@@ -273,15 +274,46 @@ def _check_files() -> None:
             except OSError as error:
                 raise cannot_write(path, error) from error
 
+    return Files, Folder
+
+
+def _check_files() -> None:
+    """Make numba use checked files for every function that it caches from now on; OutputError tells of those it cannot write.
+
+    numba imports what its compiler needs before it reads the first file: a tenth of a start. Compiled code needs some addresses
+    of it, which are given here, and one of what else the compiler knows."""
+    import numba
+    from llvmlite import binding
+    from numba.core import caching, dispatcher
+
+    files, folder = _checked_files()
+    known = numba.__version__.startswith(TESTED)
+    if known:
+        from numba.core.runtime import _nrt_python  # type: ignore[attr-defined]
+
+        for name, address in _nrt_python.c_helpers.items():
+            binding.add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
+
     class Implementation(caching.CompileResultCacheImpl):  # type: ignore[misc]
-        _locator_classes = [Folder, *caching.CacheImpl._locator_classes]
+        _locator_classes = [folder, *caching.CacheImpl._locator_classes]
+
+        def rebuild(self, target_context: Any, payload: Any) -> Any:
+            if b"_numba_hashsecret" in payload[0][2][0]:  # code that hashes text, as of a plug-in
+                target_context.refresh()
+            return super().rebuild(target_context, payload)
 
     class CheckedCache(caching.FunctionCache):  # type: ignore[misc]
         _impl_class = Implementation
 
         def __init__(self, function: Any) -> None:
             super().__init__(function)
-            self._cache_file = Files(self.cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp())
+            self._cache_file = files(self.cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp())
+
+        def load_overload(self, sig: Any, target_context: Any) -> Any:
+            if not known:
+                return super().load_overload(sig, target_context)
+            with self._guard_against_spurious_io_errors():
+                return self._load_overload(sig, target_context)
 
         def save_overload(self, sig: Any, data: Any) -> None:
             try:

@@ -7,6 +7,7 @@ depends on any of this. It depends on numba's internals, so it is used only with
 compiled by numba's own, longer pipeline.
 """
 
+import functools
 import operator
 from collections import Counter
 from types import ModuleType
@@ -17,9 +18,8 @@ from numba import types
 from numba.core import codegen, compiler, compiler_machinery, event, ir, targetconfig, typed_passes
 from numba.core.typing import signature
 
+from thirdbody.jit.cache import TESTED
 from thirdbody.jit.numba_lowering import KernelLowering, ShortLowering, plain_extreme
-
-TESTED = ("0.67.", "0.68.")  # prefixes of the versions of numba whose internals are known
 
 PASSES = (
     "TranslateByteCode", "FixupArgs", "IRProcessing", "NumbersOfModules", "RewriteSemanticConstants", "DeadBranchPrune",
@@ -183,6 +183,10 @@ class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
 class Own(compiler.CompilerBase):  # type: ignore[misc]
     """Compiler of our kernels, which are plain loops over tables."""
 
+    def __init__(self, *arguments: Any) -> None:
+        _skip_blas()
+        super().__init__(*arguments)
+
     def _compile_core(self) -> Any:
         self.state.flags = _Flags(self.state.flags)
         before = [(owner, name, getattr(owner, name)) for owner, name, _ in SHORTER]
@@ -223,17 +227,18 @@ class KernelOnly(Inner, Whole):
     """The same for those that only kernels call."""
 
 
-KNOWN = numba.__version__.startswith(TESTED)
-if KNOWN:  # numba may assume that SciPy has a BLAS, as we depend on it: the check is a fifth of a start
+@functools.cache
+def _skip_blas() -> None:
+    """Let numba assume that SciPy has a BLAS, as we depend on it: the check takes as long as the compiler's other imports."""
     from numba.np import linalg
 
-    _original_check = linalg.ensure_blas
+    check = linalg.ensure_blas
     linalg.ensure_blas = lambda: None
     try:
         import numba.np.arraymath  # noqa: F401
     finally:
-        linalg.ensure_blas = _original_check  # code that uses the BLAS repeats it
+        linalg.ensure_blas = check  # code that uses the BLAS repeats it
 
 
 def pipeline_options(pipeline: type[compiler.CompilerBase]) -> dict[str, Any]:
-    return {"pipeline_class": pipeline} if KNOWN else {}
+    return {"pipeline_class": pipeline} if numba.__version__.startswith(TESTED) else {}

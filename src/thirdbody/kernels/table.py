@@ -97,8 +97,7 @@ def mark() -> _Declared:
 class Table(ModuleType):
     """The columns of a table, in order: `force=vector(3, ...)` makes `FORCE`, the first column, and `FORCE3`, a slice.
 
-    A module for numba, which compiles the attributes of modules as constants.
-    """
+    A module for numba, which compiles the attributes of modules as constants."""
 
     def __init__(self, symbol: str, rows: str, **columns: _Declared) -> None:
         """Declare a table. `symbol`: name of the array in kernels; `rows`: what a row (or a table of one row) describes."""
@@ -158,8 +157,7 @@ class Rows:
     """Arrays with the same rows, by column name.
 
     `rows.force` is a view, (n,) or (n, width), of the columns of that name in any of the tables. Assign through the view:
-    `rows.force[:] = 0.0`.
-    """
+    `rows.force[:] = 0.0`."""
 
     __slots__ = ("_parts",)
 

@@ -95,8 +95,7 @@ class Option:
     `dimension` is a name of `thirdbody.units.DIMENSIONS`, such as "length" or "dimensionless"; `size` > 1 makes it a vector;
     `default=None` makes it required; values outside [low, high] are rejected. With `words` the value must be one of them; with
     `or_number` it may be a number, too. `pair_key` is the key of [[pairs]] that replaces it for a pair (PAIR_KEYS); where every
-    pair has that key, the option may be left out. Raises ValueError for an unknown dimension or key of pairs.
-    """
+    pair has that key, the option may be left out. Raises ValueError for an unknown dimension or key of pairs."""
 
     name: str
     dimension: str
@@ -206,8 +205,7 @@ class BodyEffect(Checked):
 
     With `sees_forces` the kernel is `kernel(body, total, p)`, where `total` is the force and torque of all contacts and of all
     effects without `sees_forces`. With `settling` it acts until the upper plate is set in motion; a scene without such a phase is
-    rejected.
-    """
+    rejected."""
 
     TUPLES = {"options": Option}
 
@@ -227,8 +225,7 @@ class SpotInteraction(Checked):
 
     A spot with the normal force N lowers the plate at the distance r by `compliance(material, options)` N/r, with the material of
     the plate [m2/N]; `stiffness(pair, options)` is N/(R d^3)^(1/2) of a spot alone [Pa]. So it holds for Hertz' contact, flat
-    plates and chains without adhesion; anything else is refused (`kernels.close_spots`).
-    """
+    plates and chains without adhesion; anything else is refused (`kernels.close_spots`)."""
 
     TUPLES = {"options": Option}
 
@@ -250,8 +247,7 @@ class Amount:
 
     `kind`: "sum", "mean" or "maximum". `of_plate`: a sum that belongs to the plate at the contact, not to the body: bodies then
     have it as `NAME_lower` and `NAME_upper`, and contacts between bodies do not count. `map`: name and unit of its density over
-    the surface of a plate; for sums of a plate only. A maximum is also written per contact, since the contact closed.
-    """
+    the surface of a plate; for sums of a plate only. A maximum is also written per contact, since the contact closed."""
 
     name: str
     unit: str
@@ -275,8 +271,7 @@ class Measure(Checked):
 
     `mix(pair, options)` is plain Python, run once per material pair; it returns `p`, an instance of `parameters`. `materials`:
     names of the optional keys of materials that it needs, which a scene that names it must give. `warnings(means)` gets the
-    largest value of each amount over the bodies at the end of a run, by name, and returns texts for the user.
-    """
+    largest value of each amount over the bodies at the end of a run, by name, and returns texts for the user."""
 
     TUPLES = {"amounts": Amount, "options": Option, "materials": str}
 
@@ -300,8 +295,7 @@ class Labeller(Checked):
     body (`thirdbody.plugin`). `out` holds state, reason, then `margins`, then `extras`. `memory` and `contact_memory` name the
     floats that the engine stores per body and per contact, initially zero. `label_without_effects` is an optional variant of
     `label` that compiles faster, used where no effect acts on bodies. `label_without_forecasts` is one that leaves out the extras
-    `forecasts`, used where a run writes none of them.
-    """
+    `forecasts`, used where a run writes none of them."""
 
     TUPLES = dict.fromkeys("states reasons margins extras memory contact_memory codes forecasts".split(), str)
 

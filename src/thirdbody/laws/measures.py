@@ -31,8 +31,7 @@ class Layout(NamedTuple):
 
     `targets` (contact columns, 5): for each number of a contact behind its contact radius the operation, the column of the body
     for contacts with the lower plate, with the upper plate and with debris, and the map; -1: none. Sums come before maxima. The
-    time in which contacts were closed, which means are divided by, is column `time` of the body; -1: there are no means.
-    """
+    time in which contacts were closed, which means are divided by, is column `time` of the body; -1: there are no means."""
 
     bodies: tuple[Output, ...]
     maps: tuple[Output, ...]

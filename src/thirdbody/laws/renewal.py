@@ -105,8 +105,7 @@ def moved_ground(roll_x, roll_y, radius, x, y, reach):
 class Renewal(namedtuple("Renewal", "retained fill mixed own")):
     """A step in which a fraction of a field is renewed: w = retained w_old - fill ds in a spring that sticks.
 
-    A spring of unit stiffness then loses the energy (1 - retained^2) w_old^2/2 - mixed w_old . ds + own ds^2.
-    """
+    A spring of unit stiffness then loses the energy (1 - retained^2) w_old^2/2 - mixed w_old . ds + own ds^2."""
 
 
 @kernel

@@ -44,7 +44,7 @@ TRIAL_SECONDS = 0.2
 TRIAL_BODIES, TRIAL_PATH, TRIAL_LIMIT = 16, 2e-6, 0.6
 """Bodies and path [m] of such a trial of the implicit integrator, and seconds [s] beyond which they get fewer and shorter."""
 
-FRAME_SECONDS, LARGEST_NUMBER = 0.1, 32
+FRAME_SECONDS, LARGEST_NUMBER = 0.03, 32
 """Seconds and largest number of frames of the measurement, without the first, which creates all arrays."""
 
 CONTACTS_PER_BODY, SINGLE = 3, 4

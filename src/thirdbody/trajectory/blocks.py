@@ -88,8 +88,7 @@ def growing(
         kind.set_shuffle()
         kind.set_deflate(LEVEL)
     rows = h5py.h5s.create_simple((0, *tail), (h5py.h5s.UNLIMITED, *tail))
-    h5py.h5d.create(group.id, name.encode(), h5py.h5t.py_create(np.dtype(dtype)), rows, kind)
-    return Column(group[name])
+    return Column(h5py.Dataset(h5py.h5d.create(group.id, name.encode(), h5py.h5t.py_create(np.dtype(dtype)), rows, kind)))
 
 
 def as_numbers(name: str, values: Any, narrow: bool = False) -> np.ndarray:

@@ -213,8 +213,7 @@ def add_planar(contact, J):
         df/du = A                        df/dw: rows r x A_i
         dt/du = r x A - p n              dt/dw = r x df/dw - p (r x n) + a f - (a.f) 1        with p = n x f/2
 
-    from dt = r x df + dr x f and dr = w x a + dd n/2, where the overlap changes by dd = -n.s.
-    """
+    from dt = r x df + dr x f and dr = w x a + dd n/2, where the overlap changes by dd = -n.s."""
     (n, e, g), (k_n, xx, xy, yx, yy, xd, yd) = contact.frame, contact.tangent
     r, f, a = contact.owner.point, contact.force, contact.owner.centre
     t_1, t_2 = scaled_sum(xx, e, xy, g, -xd, n), scaled_sum(yx, e, yy, g, -yd, n)
