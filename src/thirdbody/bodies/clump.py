@@ -18,8 +18,6 @@ _TOUCH = 1e-9
 _TWICE = 1e-9
 # Rounding of the sums over slices; the stated error is never smaller than this.
 _ROUNDING = 1e-13
-# Largest size of a stack, spheres cubed times bodies: numpy then works on arrays, not on calls; some 30 MB.
-LARGEST_STACK = 500_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,10 +147,7 @@ def clumps(centers: np.ndarray, radii: np.ndarray) -> list[Clump]:
 
     Finite centers and positive radii are assumed. InputError: spheres of a body that are not connected.
     """
-    bodies: list[Clump] = []
-    for _, members in stacks(np.full(len(radii), radii.shape[1]), LARGEST_STACK):
-        bodies += _with_frames(centers[members], radii[members])[0]
-    return bodies
+    return _with_frames(centers, radii)[0]
 
 
 def _with_frames(centers: np.ndarray, radii: np.ndarray) -> tuple[list[Clump], np.ndarray, np.ndarray]:

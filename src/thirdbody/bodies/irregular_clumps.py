@@ -2,14 +2,16 @@
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from statistics import NormalDist
 
 import numpy as np
 
-from thirdbody.bodies.clump import LARGEST_STACK, Clump, clump, clumps, sphere_points, stacks, touched
+from thirdbody.bodies.clump import Clump, clump, clumps, sphere_points, stacks, touched
 from thirdbody.bodies.union_moments import longest_links
 from thirdbody.errors import Fault, InputError
 from thirdbody.rotations import dot
+from thirdbody.system.processes import cores
 
 # Distance of linked centers over the sum of radii: a larger one looks like a string of beads,
 # a smaller one hides the single spheres.
@@ -31,8 +33,8 @@ _COVER = 4.0
 _CORED = 5
 # Candidate points per sphere or asperity, of which the farthest from those placed before is chosen (best candidate).
 _CANDIDATES = 12
-# Bodies with open random streams.
-_BLOCK = 4096
+# Bodies with open random streams; largest size of a stack, spheres cubed times bodies, which takes some 30 MB.
+_BLOCK, _LARGEST_STACK = 4096, 500_000
 # The radius of asperities depends on the size of the whole body, which they change: each iteration reduces the misfit
 # to less than this fraction (at most 0.5; 0.01 for small ones), so that rounding is reached long before the limit.
 _ROUNDS = 60
@@ -101,9 +103,13 @@ def population(
         n_spheres = np.array([rng.integers(spheres[0], spheres[1] + 1) for rng in rngs])
         wide = diameters(rngs, **size)
         built: dict[int, Clump] = {}
-        for n, members in stacks(n_spheres, LARGEST_STACK):
-            grown = _irregulars([rngs[k] for k in members], n, aspect, wide[members], angularity)
-            built.update(zip(members.tolist(), grown, strict=True))
+        with ThreadPoolExecutor(cores()) as pool:
+            tasks = [
+                (members, pool.submit(_irregulars, [rngs[k] for k in members], n, aspect, wide[members], angularity))
+                for n, members in reversed([*stacks(n_spheres, _LARGEST_STACK)])  # the dearest first
+            ]
+        for members, task in reversed(tasks):
+            built.update(zip(members.tolist(), task.result(), strict=True))
         for k, rng in enumerate(rngs):
             body, diameter = built[k], float(wide[k])
             if asperities is not None:

@@ -7,7 +7,6 @@ ends of the circles where two spheres intersect, points where three intersect) a
 """
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from itertools import combinations
 from typing import NamedTuple
@@ -17,7 +16,6 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS
 from thirdbody.rotations import cross, dot
-from thirdbody.system.processes import cores
 
 TWO_PI = 2.0 * math.pi
 # Order of the ten moments: 1, x, y, z, xx, yy, zz, xy, xz, yz.
@@ -26,8 +24,6 @@ MOMENTS = 10
 _TOLERANCE = 2e-7
 # Largest number of distances from marks to centers in memory at once: a hundred spheres have 33 million.
 _MEASURED = 1_000_000
-# Bodies per thread below which another thread does not pay.
-_FEW = 8
 
 
 class Rule(NamedTuple):
@@ -259,24 +255,13 @@ def union_moments(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     layer is raised until the moments of two orders differ by less than the tolerance; that difference, the error of the lower
     order, is the stated error.
     """
-    n, parts = r.shape[1], min(cores(), 1 + len(r) // _FEW)
-    heights, total = break_heights(c, r), np.zeros((len(r), 2, MOMENTS))
-    ends = [k * len(r) // parts for k in range(parts + 1)]
-
-    def part(k: int) -> None:
-        # in a kernel each of these calls would be compiled again
-        scratch = Scratch(
-            np.empty((n, n, 4)), np.empty((n, 4)), np.empty(n, np.int64), np.empty(n), np.empty(6), np.zeros(MOMENTS),
-            np.zeros(MOMENTS),
-        )  # fmt: skip
-        own = slice(ends[k], ends[k + 1])
-        stack_moments(c[own], r[own], heights[own], _RULE, _TOLERANCE, total[own], scratch)
-
-    if parts == 1:
-        part(0)
-    else:
-        with ThreadPoolExecutor(parts) as pool:
-            list(pool.map(part, range(parts)))
+    n, heights, total = r.shape[1], break_heights(c, r), np.zeros((len(r), 2, MOMENTS))
+    # in a kernel each of these calls would be compiled again
+    scratch = Scratch(
+        np.empty((n, n, 4)), np.empty((n, 4)), np.empty(n, np.int64), np.empty(n), np.empty(6), np.zeros(MOMENTS),
+        np.zeros(MOMENTS),
+    )  # fmt: skip
+    stack_moments(c, r, heights, _RULE, _TOLERANCE, total, scratch)
     return total[:, 0], total[:, 1]
 
 

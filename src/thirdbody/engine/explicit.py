@@ -283,7 +283,8 @@ def bound(state: State, materials: list[Material], steps: int, max_overlap: floa
     if state.physics.stiffness is None:
         return best
     numbers, bodies, patches = _contact_bounds(state, steps * (state.dt or best.step), max_overlap, candidates)
-    of_bodies, of_patches = _steps(bodies), _steps(patches)
+    fractions = np.array((states.STABILITY_FRACTION, DAMPING_FRACTION))  # of the stable steps without and with damping
+    of_bodies, of_patches = (fractions * bodies[:, 2:]).min(axis=1), (fractions * patches[:, 2:]).min(axis=1)
     body, patch = int(np.argmin(of_bodies)), int(np.argmin(of_patches))
     limit = float(min(bodies[:, 3].min(), patches[:, 3].min()))
     step = float(min(of_bodies[body], of_patches[patch]))
@@ -301,13 +302,10 @@ def _contact_bounds(
     state: State, horizon: float, max_overlap: float, candidates: Candidates | None = None
 ) -> tuple[Ints, Array, Array]:
     """Return candidates for the shortest step: bodies, their bounds (n, 4), bounds of patches (m, 4)."""
-    slots, physics, P, upper = candidates or state.slots, state.physics, state.P, state.world.upper
-    if upper is not None and upper.schedule.load:  # the largest until the next bound, as steps may grow
-        largest, P = upper.schedule.largest_load(state.time, state.time + 1.5 * horizon), P.copy()
-        P[:, patch.LOAD] = np.maximum(P[:, patch.LOAD], largest * P[:, patch.NOMINAL_LOAD])
+    slots, physics = candidates or state.slots, state.physics
     context = limits.Assembly(  # type: ignore[call-arg]
         slots.n_plates, slots.own, slots.partner, slots.kind, slots.edges, slots.incidence, state.body, state.S, state.B,
-        state.E, state.orientations, P, slots.Q, state.D, physics.pairs,
+        state.E, state.orientations, _pressed(state, horizon), slots.Q, state.D, physics.pairs,
     )  # fmt: skip
     drag = float(state.A[run_totals.PLATE_SPEED]) * state.A[run_totals.HEADING2]
     tables = limits.Tables(  # each allocation in a kernel would cost 0.1 s of compilation
@@ -332,6 +330,10 @@ def _contact_bounds(
     return tables.number[:result], tables.bodies[:result], tables.patches
 
 
-def _steps(result: Array) -> Array:
-    """Return the time steps [s] from the stable steps without (column 2) and with damping (column 3)."""
-    return np.minimum(states.STABILITY_FRACTION * result[:, 2], DAMPING_FRACTION * result[:, 3])
+def _pressed(state: State, horizon: float) -> Array:
+    """Return the patches under their largest load until the next bound (1.5 horizons, as steps may grow)."""
+    P, upper = state.P, state.world.upper
+    if upper is not None and upper.schedule.load:
+        largest, P = upper.schedule.largest_load(state.time, state.time + 1.5 * horizon), P.copy()
+        P[:, patch.LOAD] = np.maximum(P[:, patch.LOAD], largest * P[:, patch.NOMINAL_LOAD])
+    return P

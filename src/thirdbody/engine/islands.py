@@ -157,16 +157,15 @@ def island_stride(state: State) -> float:
 
 def expected_islands(state: State) -> ExpectedIslands:
     """Return the islands that a state at the start lets expect; a body without neighbours is an island of one."""
-    sizes, stride = np.ones(state.n_bodies, np.int64), island_stride(state)
+    n, stride = state.n_bodies, island_stride(state)
+    sizes = np.ones(n, np.int64)
     if state.world.debris_meets:
         own, partner = search_pairs(state, MARGIN * stride)
-        sizes = np.bincount(_connected(state.body[own], state.body[partner], state.n_bodies)[0])
-    n = state.n_bodies
-    largest = 1 + round(LARGEST_GROWTH * (int(sizes.max(initial=1)) - 1))
+        sizes = np.bincount(_connected(state.body[own], state.body[partner], n)[0])
     return ExpectedIslands(
         stride=stride,
         area_fraction=math.pi * float((state.rayleigh_radius**2).sum()) / (state.world.size[0] * state.world.size[1]),
         fraction_of_bodies=1.0 - int(np.count_nonzero(sizes == 1)) / n,
         mean=min(n, 1.0 + GROWTH * (float((sizes.astype(float) ** 2).sum()) / n - 1.0)),
-        largest=min(n, largest),
+        largest=min(n, 1 + round(LARGEST_GROWTH * (int(sizes.max(initial=1)) - 1))),
     )

@@ -40,7 +40,6 @@ TAG_TEXT = b"Signature: 8a477f597d28d172789f06886806bc55\n# This file is a cache
 LAYERS = ("jit", "kernels", "laws", "bodies", "engine", "statics")  # packages whose sources name the folder
 
 SIZE = hashlib.sha256().digest_size
-
 TESTED = ("0.67.", "0.68.")  # prefixes of the versions of numba whose internals are known
 
 note = ""  # message for the user about the folder, shown when code is compiled into it
