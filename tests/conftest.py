@@ -1,8 +1,6 @@
 """For all tests: the command line called as a user calls it; no deadline of the clock for the examples of hypothesis, since
 others may use the cores."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import sys

@@ -1,7 +1,5 @@
 """House rules that no linter knows, read from the source: `python tests/style.py` prints each break of one, in seconds."""
 
-from __future__ import annotations
-
 import ast
 import gc
 import re
