@@ -59,8 +59,7 @@ def error_of_mean(values: np.ndarray, blocks: int = 6) -> float:
 
 def speeds(run: thirdbody.Run) -> list[np.ndarray]:
     """Return the frames at each speed of the upper plate, without those of the first part of the distance."""
-    distance = run.series["distance"]
-    speed = np.diff(distance) / np.diff(run.times)
+    speed = np.diff(run.series["distance"]) / np.diff(run.times)
     steady = [k for k in range(2, run.frames - 1) if abs(speed[k - 1] / speed[k] - 1.0) < 1e-6]
     groups = np.split(np.array(steady), np.flatnonzero(np.abs(np.diff(speed[steady]) / speed[steady][:-1]) > 1e-3) + 1)
     return [group[round(SKIPPED * len(group)) :] for group in groups if len(group) > 8]
@@ -69,8 +68,7 @@ def speeds(run: thirdbody.Run) -> list[np.ndarray]:
 def shear(run: thirdbody.Run, frames: np.ndarray, area: float) -> Shear:
     stresses, rates, *rest = (np.array(values) for values in zip(*(core(run, k, area) for k in frames), strict=True))
     fractions, coordination, overlap = rest
-    spheres = run.spheres(int(frames[0]))
-    diameter = 2.0 * np.median(spheres["radius"])
+    diameter = 2.0 * np.median(run.spheres(int(frames[0]))["radius"])
     body = run.bodies(int(frames[0]))
     density = np.median(body["mass"] / (np.pi / 6.0 * body["diameter"] ** 3))
     force = run.series["upper_force"][frames]

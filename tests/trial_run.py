@@ -60,8 +60,7 @@ def expected(block: str, number: int, frame=make_frame) -> dict[str, np.ndarray]
 
 
 def vtk_blocks(path: Path, step: int) -> list:
-    vtk = pytest.importorskip("vtk")
-    reader = vtk.vtkHDFReader()
+    reader = pytest.importorskip("vtk").vtkHDFReader()
     reader.SetFileName(str(path))
     reader.UpdateInformation()
     reader.SetStep(step)

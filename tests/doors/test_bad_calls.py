@@ -120,8 +120,7 @@ def refused(played, command, monkeypatch):
 
 
 def test_a_fault_of_the_call_is_reported(refused):
-    rows = [(("check", *words), *rest) for words, *rest in OF_SCENES]
-    for words, code, *texts in [*rows, *OTHERS]:
+    for words, code, *texts in [*[(("check", *words), *rest) for words, *rest in OF_SCENES], *OTHERS]:
         error = refused(code, *words)
         assert all(text in error for text in texts), (words, error)
 

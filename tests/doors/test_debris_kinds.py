@@ -133,8 +133,7 @@ def test_installed_kinds_are_found_and_broken_ones_reported(installed, command):
         Scene.parse(scene(GOOD).replace('kind = "dumbbell"', 'kind = "broken"'))
     report = command("shapes", "--list")
     assert report.code == 0 and "'broken' (nowhere:Broken) did not load" in report.out and "dumbbell:Dumbbell" in report.out
-    schema = Scene.model_json_schema()
-    validator = jsonschema.Draft202012Validator(schema)
+    validator = jsonschema.Draft202012Validator(Scene.model_json_schema())
     assert not list(validator.iter_errors(tomllib.loads(scene(GOOD))))
     assert list(validator.iter_errors(tomllib.loads(scene(GOOD + "\nspacing = 3.0"))))
 

@@ -367,6 +367,5 @@ def test_any_heap_agrees_with_the_plain_step(heap):
     simulation = small_scenes.heap(seed, speed, level, effects)
     lead(simulation, steps)
     reference = Reference(simulation)
-    events = follow(simulation, 40)
-    expected = walk(reference, events, simulation.state.dt)
+    expected = walk(reference, follow(simulation, 40), simulation.state.dt)
     assert max(departures(tables(simulation), expected).values()) <= 1.0

@@ -146,8 +146,7 @@ def test_unknown_names_are_answered_with_the_nearest(run):
 
 
 def test_render_and_export(run, tmp_path):
-    page = run.render(tmp_path / "page.html", color="speed")
-    assert page.read_text().startswith("<!DOCTYPE html>")
+    assert run.render(tmp_path / "page.html", color="speed").read_text().startswith("<!DOCTYPE html>")
     assert tmp_path / "csv" / "series.csv" in run.export(csv=tmp_path / "csv")
 
 

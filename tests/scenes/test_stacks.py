@@ -211,8 +211,7 @@ def travel_of_the_plank(seen, frame):
 def test_the_path_over_partners_of_different_speed_is_their_mean(seen):
     """The plank over a trestle at rest and one that goes along travels about half the way of the lid, by the shares of load."""
     run, frames = seen("trestles"), range(10, 26)
-    speeds = [drag_of_the_plank(run, frame) for frame in frames]
-    path = trapezoid(speeds, run.times[10:])
+    path = trapezoid([drag_of_the_plank(run, frame) for frame in frames], run.times[10:])
     assert 0.4 < path / (SPEED * (run.times[-1] - run.times[10])) < 0.6
     # measured 5e-4; the trestles swing with some 12 outputs a period, of which trapezoids lose (2 pi/12)^2/12 = 2 % of a swing
     # of a fifth of the mean

@@ -136,8 +136,7 @@ def test_the_energy_of_pressing_and_pulling():
     answer, _ = at(1e-12, 0.0)
     assert answer.dissipated == pytest.approx(LOST, rel=1e-8) and at(1e-12, 1.0)[0].dissipated == 0.0  # that of the quadrature
     deep = 40.0 * A_BREAKS
-    work = quad(power, A_BREAKS, deep)[0]
-    assert at(overlap(deep))[0].stored == pytest.approx(work, rel=1e-9)
+    assert at(overlap(deep))[0].stored == pytest.approx(quad(power, A_BREAKS, deep)[0], rel=1e-9)
     assert abs(at((1.0 - 1e-14) * overlap(A_BREAKS))[0].stored) < 1e-6 * LOST
     d = 1e-9  # without adhesion it is Hertz
     answer, _ = at(d, work_of_adhesion=0.0)

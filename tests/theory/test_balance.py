@@ -126,8 +126,7 @@ def test_the_path_of_the_exact_law():
 
 @pytest.mark.parametrize("level", LEVELS)
 def test_a_mirror_changes_the_signs_of_tangential_forces_and_tilt_only(level):
-    mirrored = [s | {"x": -s["x"]} for s in PAPER]
-    there = walk(mirrored, level=level, steps=30, direction=(1.0, 0.0))
+    there = walk([s | {"x": -s["x"]} for s in PAPER], level=level, steps=30, direction=(1.0, 0.0))
     for a, b in zip(walk(level=level, steps=30).points, there.points, strict=True):
         # two solves to 1e-12 of all forces; the springs' tangent is a difference, but what is solved is the same
         assert a.N == pytest.approx(b.N, rel=1e-9, abs=0.0) and a.T == pytest.approx([-t for t in b.T], rel=1e-8, abs=1e-13)

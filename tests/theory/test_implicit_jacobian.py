@@ -264,8 +264,7 @@ def test_with_the_gradient_force_the_jacobian_is_the_derivative_of_the_residual(
     """Without second derivatives of ln R_eff, about 10, it would be off by 3e-3: they go with U/2 = 0.2 N d, beside 1.5 N/d."""
     rng, errors = np.random.default_rng(9), []
     for _ in range(5):
-        given = rough_tables(rng, True, 0.01, False)
-        errors.append(jacobian_errors(given, STEPS[1:2]).max())
+        errors.append(jacobian_errors(rough_tables(rng, True, 0.01, False), STEPS[1:2]).max())
     # as without it in the median; the one-sided differences of the gradient add 1e-4 of a cell, and more at borders of cells
     assert np.median(errors) < 1e-6 and max(errors) < 2e-5, errors
 

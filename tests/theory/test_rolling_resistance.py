@@ -132,8 +132,7 @@ def test_an_impact_changes_the_spin_by_mu_r_r_star_times_the_impulse(make, partn
         simulation = make.two_balls(make.STEEL, RADIUS, (speed, 0.0, 0.0), (0.0, spin, 0.0), **keys)
     ledger, before = Ledger(simulation.state), make.kinetic(simulation)
     make.leave(simulation, 2e-6)
-    radius = RADIUS if partners == "plane" else 0.5 * RADIUS
-    change = -mu_r * radius * 2.0 * speed / (0.4 * RADIUS**2)
+    change = -mu_r * (RADIUS if partners == "plane" else 0.5 * RADIUS) * 2.0 * speed / (0.4 * RADIUS**2)
     # the spring yields at a turn of 0.3 d/(mu_r R*), which takes 1e-3 of the impact and far less of the impulse
     assert make.spin(simulation)[1] - spin == pytest.approx(change, rel=2e-3)
     lines = ledger.lines(simulation.state)

@@ -55,16 +55,13 @@ def test_a_particle_turns_into_its_seat_through_a_strut_that_does_not_hold(level
 
 def test_seats_by_load_and_by_indentation_of_a_mirror_image_and_of_an_even_particle():
     """Both count from first touch in the seat; they turn into it under loads that differ."""
-    first = pressed(indentation=10e-9).points[0]
-    same = pressed(load=first.N[0]).points[0]
+    same = pressed(load=pressed(indentation=10e-9).points[0].N[0]).points[0]
     # springs under tangential forces from the turning, at a hundredth of the load
     assert same.indentation == pytest.approx(10e-9, rel=0.005)
-    mirrored = [s | {"x": -s["x"]} for s in LAME]
-    here, there = pressed(), pressed(mirrored)
+    here, there = pressed(), pressed([s | {"x": -s["x"]} for s in LAME])
     assert there.seat.rotation == pytest.approx(-here.seat.rotation, rel=1e-9)  # of first touch
     assert there.points[0].N == pytest.approx(here.points[0].N, rel=1e-8)
-    even = (LAME[0] | {"x": 0.0}, LAME[1], LAME[2] | {"z": -2e-6})
-    assert pressed(even).seat is None
+    assert pressed((LAME[0] | {"x": 0.0}, LAME[1], LAME[2] | {"z": -2e-6})).seat is None
 
 
 def test_the_forecast_is_that_of_the_seat():

@@ -2,10 +2,10 @@
 
 import json
 import math
-from functools import partial
 
 import numpy as np
 import pytest
+from balls import edited
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from portable import drawn as inked
@@ -51,12 +51,8 @@ steps = 24
 @pytest.fixture
 def write(tmp_path):
     def make(*changes):
-        text = FILE
-        for old, new in changes:
-            assert old in text, old
-            text = text.replace(old, new, 1)
         path = tmp_path / "particle.toml"
-        path.write_text(text, encoding="utf-8")
+        path.write_text(edited(FILE, *changes), encoding="utf-8")
         return path
 
     return make
@@ -197,22 +193,17 @@ def test_close_spots_share_the_plate(write):
         assert [hertz[1] + g * other, hertz[2] + g * one] == pytest.approx(sinks, rel=1e-9) and g * other > 0.005 * hertz[1]
 
 
-@pytest.fixture
-def command(command):
-    return partial(command, "map")
-
-
 def test_the_suffix_is_the_format(command, tmp_path):
-    assert command() == (0, "map.png\n", "")
+    assert command("map") == (0, "map.png\n", "")
     data = (tmp_path / "map.png").read_bytes()
     assert data.startswith(b"\x89PNG") and len(data) > 20_000  # an empty canvas of this size takes 8 kB
-    code, out, err = command("--json", "-o", "b.svg")  # stays JSON beside a picture
+    code, out, err = command("map", "--json", "-o", "b.svg")  # stays JSON beside a picture
     assert code == 0 and json.loads(out)["fig2"]["H"] == 1.0 and err == "b.svg\n"
     assert (tmp_path / "b.svg").read_bytes().startswith(b"<?xml")
 
 
 def test_json_reports_fig_2_and_the_limits(command, tmp_path):
-    code, out, err = command("--json", "--H", "0.6", "--half-width", "0.25")
+    code, out, err = command("map", "--json", "--H", "0.6", "--half-width", "0.25")
     assert code == 0 and err == "" and not list(tmp_path.iterdir())
     report = json.loads(out)
     fig, limits = report["fig2"], report["regimes"]

@@ -95,8 +95,7 @@ def test_the_inertial_number_of_plane_shear():
     positions = np.column_stack([np.zeros(60), np.zeros(60), z])
     state = state_of([small] * 50 + [large] * 10, positions, (40.0 * R, 40.0 * R))
     rate = 1e4
-    velocities = np.column_stack([np.zeros(60), -rate * z, np.zeros(60)])
-    series = measured(state, 40.0 * R, velocities)
+    series = measured(state, 40.0 * R, np.column_stack([np.zeros(60), -rate * z, np.zeros(60)]))
     expected = rate * 2.0 * R * math.sqrt(DENSITY / PRESSURE)
     assert series["inertial_number"] == pytest.approx(expected, rel=1e-9)
     assert series["inertial_number_largest"] == pytest.approx(1.2 * expected, rel=1e-9)
@@ -157,8 +156,7 @@ def test_a_column_of_balls_at_rest_has_the_measures_of_statics(column, tmp_path)
 
 
 def test_what_is_no_bed_has_no_measures(column, tmp_path):
-    alone = column.with_settings({"contact.debris_contact": "none"})
-    loop = RunLoop(build(alone), RunFolder(tmp_path))
+    loop = RunLoop(build(column.with_settings({"contact.debris_contact": "none"})), RunFolder(tmp_path))
     assert loop.means is None and loop.maker.bed is None
     assert not set(BED) & set(loop.maker.frame(None).series)
     sliced = RunLoop(build(column.with_settings({"output.profiles": 5})), RunFolder(tmp_path))
@@ -293,8 +291,7 @@ def test_one_body_between_the_plates(name):
 
 def test_beds_are_sheared_between_the_bodies_that_pass_load_on():
     bodies = [(0.1 * V, 0.2 * V / R), (0.5 * V, 0.4 * V / R), (0.9 * V, 0.05 * V / R)]
-    between = (DEBRIS, (0.0, 0.0, R))
-    contacts = [(0, BOTTOM, 2e-4), (1, between, 3e-4), (2, TOP, 2e-4)]
+    contacts = [(0, BOTTOM, 2e-4), (1, (DEBRIS, (0.0, 0.0, R)), 3e-4), (2, TOP, 2e-4)]
     # upper: V - 0.9 V - 0.05 V; lower: 0.1 V - 0.2 V; rolling: 0.05 V + 0.2 V; shear: 0.9 V - 0.1 V; not the body in the middle
     assert parts(bodies, contacts) == pytest.approx([0.05 * V, -0.1 * V, 0.25 * V, 0.8 * V], abs=1e-13 * V)
     ball, thrown = (0.5 * V, 0.5 * V / R), (7.0 * V, 0.0)

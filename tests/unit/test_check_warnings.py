@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from balls import edited
 from each import each
 from steel import SCENES, scene_text
 
@@ -71,11 +72,7 @@ WARNINGS = {
 
 
 def scene(*changes: tuple[str, str]) -> Scene:
-    text = BALL
-    for old, new in changes:
-        assert old in text, old
-        text = text.replace(old, new, 1)
-    return Scene.parse(text, "x.toml")
+    return Scene.parse(edited(BALL, *changes), "x.toml")
 
 
 @each(WARNINGS)
@@ -189,8 +186,7 @@ def test_a_long_run_a_large_file_and_frames_that_take_days_are_reported():
 
 
 def test_a_trial_that_a_guard_stops_is_a_warning():
-    built = build(scene(("[output]", 'time_step = "30 ns"\n[output]')), force=True)
-    report = check.check_report(built)
+    report = check.check_report(build(scene(("[output]", 'time_step = "30 ns"\n[output]')), force=True))
     assert math.isnan(report["estimated_wall_time"])
     words = "a trial of the first steps was stopped by a guard, and so will the run be: stopped at"
     assert report["warnings"][0].startswith(words)

@@ -40,8 +40,7 @@ def revolved_pair(d, r1, r2):
 
     volume = integral(lambda p: p)
     middle = integral(lambda p: p * x) / volume
-    axial = integral(lambda p: p * p / 2.0)
-    return volume, axial, integral(lambda p: p * p / 4.0 + p * (x - middle) ** 2)
+    return volume, integral(lambda p: p * p / 2.0), integral(lambda p: p * p / 4.0 + p * (x - middle) ** 2)
 
 
 def test_a_sphere_and_two_that_touch_are_exact():

@@ -256,8 +256,7 @@ def test_a_budget_that_holds_nothing_is_refused_and_leaves_no_folder(monkeypatch
 def test_a_copy_takes_the_time_that_it_is_made_for(file, tmp_path):
     """And the explicit step of all its variants is the smallest that `auto` takes."""
     changes = {"solver.integrator": "explicit", "solver.distance": "4 mm", "output.every": "0.1 mm"}
-    source = StudySource(file, changes, tmp_path, [])
-    copy = make_copy(source, 0.02, True)
+    copy = make_copy(StudySource(file, changes, tmp_path, []), 0.02, True)
     scene = thirdbody.Scene.parse(copy.scene)
     assert scene.solver.distance < 4e-3 and "4 mm" in copy.reduction[0] and "the smallest that `auto` takes" in copy.reduction[-1]
     assert copy.base.kind == "explicit" and 0.0 < copy.base.step <= prepare(scene).state.dt

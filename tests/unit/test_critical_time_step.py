@@ -117,10 +117,6 @@ def gap(state, i: int, j: int) -> tuple[float, np.ndarray]:
     return distance - S[i, 3] - S[j, 3], apart / distance
 
 
-def cross(r: np.ndarray) -> np.ndarray:
-    return np.array([[0.0, -r[2], r[1]], [r[2], 0.0, -r[0]], [-r[1], r[0], 0.0]])
-
-
 def everything(state) -> tuple[np.ndarray, np.ndarray]:
     """K and C of all bodies, and of all patches, by definition: sums of J^T k J."""
     sums, patches = np.zeros((state.n_bodies, 2, 6, 6)), np.zeros((len(state.P), 2))
@@ -138,7 +134,7 @@ def everything(state) -> tuple[np.ndarray, np.ndarray]:
             twice = 2.0
         along = np.outer(n, n)
         for number, reach in ((i, -state.S[i, sphere.RADIUS]), *([(j, state.S[j, sphere.RADIUS])] if j >= 0 else [])):
-            J = np.hstack((np.eye(3), -cross(state.S[number, sphere.ARM3] + reach * n)))
+            J = np.hstack((np.eye(3), np.cross(state.S[number, sphere.ARM3] + reach * n, np.eye(3))))
             for w, (normal, across, roll, spin) in enumerate(((*report[:3], report[6]), (*report[3:6], report[7]))):
                 sums[state.body[number], w] += twice * J.T @ (across * np.eye(3) + (normal - across) * along) @ J
                 sums[state.body[number], w, 3:, 3:] += twice * (roll * (np.eye(3) - along) + spin * along)
@@ -243,8 +239,7 @@ def integrated_restitution(alpha: float) -> float:
 
     pull.terminal, pull.direction = True, -1.0
     # one step of free flight, from which on x^0.25 has a derivative
-    start = 1e-12
-    impact = solve_ivp(rates, (0.0, 1e4), [start, 1.0], "DOP853", events=pull, rtol=1e-11, atol=1e-16)
+    impact = solve_ivp(rates, (0.0, 1e4), [1e-12, 1.0], "DOP853", events=pull, rtol=1e-11, atol=1e-16)
     assert impact.status == 1, "the contact never opened"
     return -float(impact.y_events[0][0][1])
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import pyvista
 
 from thirdbody.api import open_run
 from thirdbody.errors import InputError, OutputError, UsageError
@@ -115,32 +116,19 @@ def test_transitions_report_what_changed(path, tmp_path):
         run.transitions()
 
 
-def read_vtp(path: Path):
-    from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
-
-    reader = vtkXMLPolyDataReader()
-    reader.SetFileName(str(path))
-    reader.Update()
-    return reader.GetOutput()
-
-
 def test_pvd_files_hold_every_array(path, tmp_path):
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-
     export(path, pvd=tmp_path / "pvd")
     with open_run(path) as run:
         for block in BLOCKS:
             entries = ElementTree.parse(tmp_path / "pvd" / f"{block}.pvd").findall("Collection/DataSet")
             assert [float(entry.get("timestep")) for entry in entries] == run.times.tolist()
             for number, entry in enumerate(entries):
-                data, wanted = read_vtp(tmp_path / "pvd" / entry.get("file")), run.block(block, number)
+                data, wanted = pyvista.read(tmp_path / "pvd" / entry.get("file")), run.block(block, number)
                 points = wanted.pop("position")
-                assert data.GetNumberOfPoints() == len(points)
-                assert data.GetNumberOfCells() == (2 if block == "plates" else len(points))
-                if len(points):
-                    np.testing.assert_array_equal(vtk_to_numpy(data.GetPoints().GetData()), points)
+                assert (data.n_points, data.n_cells) == (len(points), 2 if block == "plates" else len(points))
+                np.testing.assert_array_equal(data.points, points)
                 for name, values in wanted.items():
-                    got = vtk_to_numpy(data.GetPointData().GetArray(name))
+                    got = data.point_data[name]
                     assert got.dtype == values.dtype
                     np.testing.assert_array_equal(got, values)
     script = (tmp_path / "pvd" / "open_in_paraview.py").read_text(encoding="utf-8")

@@ -129,8 +129,7 @@ def test_the_spots_of_a_body_and_their_cones(layer):
     assert spots.against == ["lower plate", "upper plate"]
     # 7.5 uN are three quarters, 2.5 uN one quarter of the same limit: a cone with the half angle atan 0.1.
     assert spots.limit == pytest.approx([1e-5, 1e-5], rel=1e-12)
-    load = np.einsum("ij,ij->i", spots.force, spots.normal)
-    assert load == pytest.approx([1e-4, 1e-4], rel=1e-12)  # rounding of a product
+    assert np.einsum("ij,ij->i", spots.force, spots.normal) == pytest.approx([1e-4, 1e-4], rel=1e-12)  # rounding of a product
     assert np.all(np.abs(spots.position - one.center)[:, 2] == pytest.approx(R, rel=1e-9))  # wrapped like its body
 
 

@@ -72,8 +72,7 @@ def test_every_output_reports_the_same_number(drifting, capsys):
 
 
 def test_a_drift_is_reported_and_noise_is_not_taken_for_one():
-    rng = np.random.default_rng(4)
-    noise = rng.normal(size=400)
+    noise = np.random.default_rng(4).normal(size=400)
     for k in range(1, 400):  # AR(1): correlated over some ten intervals
         noise[k] += 0.8 * noise[k - 1]
     u = 1e-7 * np.arange(400)

@@ -150,8 +150,7 @@ def test_curvature_of_a_crest_and_of_a_valley():
 
 def test_a_field_of_zeros_is_exactly_a_plane():
     field = height_field.pack_field(np.zeros((5, 7)), 3e-6, 4e-6)
-    rng = np.random.default_rng(4)
-    for x, y, z in rng.uniform(-1e-5, 1e-5, (20, 3)):
+    for x, y, z in np.random.default_rng(4).uniform(-1e-5, 1e-5, (20, 3)):
         foot, r_eff, _, gradient, turning = foot_of(field, (x, y, z), 1.3e-6, -1.9e-6)
         assert (foot.x, foot.y, foot.distance, *foot.normal, r_eff) == (0.0, 0.0, z, 0.0, 0.0, 1.0, RADIUS)
         assert not any(gradient) and not any(turning) and not np.signbit(foot.normal).any()
@@ -210,7 +209,6 @@ def test_of_more_minima_than_rows_the_nearest_are_kept():
     wave = 0.2e-6 * np.cos(8.0 * x)[:, None] * np.cos(8.0 * x)
     field = height_field.pack_field(ndimage.spline_filter(wave, 3, mode="grid-wrap"), 8e-6, 8e-6)
     every, few = np.zeros((64, 3)), np.zeros((3, 3))
-    n = minima_of(field, (4.1e-6, 4.2e-6, 3.3e-6), 3.4e-6, every)
-    assert 8 < n <= 64
+    assert 8 < minima_of(field, (4.1e-6, 4.2e-6, 3.3e-6), 3.4e-6, every) <= 64
     assert minima_of(field, (4.1e-6, 4.2e-6, 3.3e-6), 3.4e-6, few) == 4
     assert np.array_equal(few, every[:3])

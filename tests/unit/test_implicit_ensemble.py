@@ -155,8 +155,7 @@ def fraction(relief, limit=0.0, spots_part=1):
     for column in (geometry.NORMAL + 2, geometry.AXIS, geometry.CROSS_AXIS + 1):
         tile.geometry[column * TILE] = 1.0
     tile.start[step_start.ARM] = 1e-6
-    context = Rows(spots_part, np.zeros(1, int), np.full(1, -1), np.zeros((1, sphere.WIDTH)))
-    return limited(context, tile)
+    return limited(Rows(spots_part, np.zeros(1, int), np.full(1, -1), np.zeros((1, sphere.WIDTH))), tile)
 
 
 def test_a_spot_at_the_limit_shortens_a_correction_that_reverses_its_slip():

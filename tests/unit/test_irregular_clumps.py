@@ -25,8 +25,7 @@ SIZE = {"distribution": "lognormal", "median": 1e-5, "sigma": 0.2, "min": 5e-6, 
 
 def test_population_is_the_same_for_the_same_seed_whatever_the_count():
     few = population(1, 0, 3, (4, 6), [1, 0.8, 0.6], **SIZE)
-    more = population(1, 0, 5, (4, 6), [1, 0.8, 0.6], **SIZE)
-    for a, b in zip(few, more, strict=False):
+    for a, b in zip(few, population(1, 0, 5, (4, 6), [1, 0.8, 0.6], **SIZE), strict=False):
         assert np.array_equal(a.centers, b.centers) and np.array_equal(a.radii, b.radii)
     for seed, index in [(2, 0), (1, 1)]:
         other = population(seed, index, 1, (4, 6), [1, 0.8, 0.6], **SIZE)[0]

@@ -107,8 +107,9 @@ def test_spheres_follow_the_surface(shape, n, bound):
     assert body.volume == mass.volume and body.error == mass.error
     assert body.inertia.tolist() == mass.inertia.tolist()
     # the union is in one piece, or the constructor refuses; its volume is off by less than rms times surface.
-    union = clump(body.centers, body.radii)
-    assert union.volume / body.volume == pytest.approx(fit.volume_ratio, rel=5e-3)  # of points on spheres, 2e-3
+    assert clump(body.centers, body.radii).volume / body.volume == pytest.approx(
+        fit.volume_ratio, rel=5e-3
+    )  # of points on spheres, 2e-3
     assert fit.volume_ratio == pytest.approx(1.0, abs=4.0 * bound)
 
 
@@ -172,8 +173,7 @@ def test_the_same_seed_gives_the_same_clump(coarse):
 
 def test_distances_of_balls_and_of_a_crease():
     mesh = ellipsoid((1.0, 1.0, 1.0), 4)
-    rng = np.random.default_rng(1)
-    there, back = distances(mesh, np.zeros((1, 3)), np.array([0.8]), rng)
+    there, back = distances(mesh, np.zeros((1, 3)), np.array([0.8]), np.random.default_rng(1))
     # Facets of the finer ball lie up to 0.0011 inside it.
     assert there.rms == pytest.approx(0.2, abs=1.5e-3) and back.rms == pytest.approx(0.2, abs=1.5e-3)
     assert there.maximum == pytest.approx(0.2, abs=1e-12)
@@ -288,8 +288,7 @@ def test_bodies_weigh_what_the_mesh_weighs(scene_of, stone):
 
 
 def test_sizes_rescale_each_body_whichever_mesh_it_has(scene_of, tmp_path, stone):
-    built = build(scene_of(more=SIZE, count=5))
-    diameter = np.cbrt(6.0 * built.state.bodies.mass / 7850.0 / np.pi)
+    diameter = np.cbrt(6.0 * build(scene_of(more=SIZE, count=5)).state.bodies.mass / 7850.0 / np.pi)
     assert np.all((diameter >= 6e-6) & (diameter <= 12e-6)) and len(np.unique(diameter)) == 5
     rocks(tmp_path / "scans", "a.stl", "b.stl")
     one, two = (shapes_of(scene_of(file, SIZE), 0, []) for file in ('"rock.stl"', '"scans"'))

@@ -24,8 +24,7 @@ WIDE, HEIGHT = (60e-6, 50e-6), 70e-6
 @pytest.fixture(scope="module")
 def bodies():
     size = {"distribution": "lognormal", "median": 1e-5, "sigma": 0.3, "min": 5e-6, "max": 2e-5}
-    ball = clump([[0, 0, 0]], [3e-6])
-    return population(1, 0, 50, (3, 6), (1.0, 0.8, 0.6), **size) + [ball] * 30
+    return population(1, 0, 50, (3, 6), (1.0, 0.8, 0.6), **size) + [clump([[0, 0, 0]], [3e-6])] * 30
 
 
 def world(clumps, x, q):
@@ -137,8 +136,7 @@ def test_dense_populations_are_mixed():
     placed, warnings = built('placement = "dense"\nsolid_fraction = 0.45', 'placement = "dense"')
     centres, radii, _ = spheres_of(placed.clumps, placed.positions, placed.quaternions)
     top = (centres[:, 2] + radii).max()
-    volume = sum(body.volume for body in placed.clumps)
-    assert volume / (625e-12 * top) == pytest.approx(0.45, rel=0.02)  # as above
+    assert sum(body.volume for body in placed.clumps) / (625e-12 * top) == pytest.approx(0.45, rel=0.02)  # as above
     assert 0.0 < (centres[:, 2] - radii).min() < 1e-8 * 3e-6  # just clear of the plate
     assert "solid fraction" in warnings[0] and "60 bodies fill 0.45" in warnings[0]
     heights = placed.positions[:, 2] / top

@@ -41,8 +41,7 @@ def gaps(S, ids, size, periodic):
 def bodies():
     size = {"distribution": "lognormal", "median": 1e-5, "sigma": 0.3, "min": 4e-6, "max": 3e-5}
     clumps = population(1, 0, COUNT, (3, 5), [1.0, 0.8, 0.6], **size)
-    rng = np.random.default_rng(2)
-    return clumps, settle_all(clumps, rng)[0]
+    return clumps, settle_all(clumps, np.random.default_rng(2))[0]
 
 
 def world(clumps, quaternions, xy):

@@ -340,8 +340,7 @@ def test_plane_couette_flow_is_exact():
 def test_a_band_is_found_where_it_is():
     z, mass = bed_of_points(5000)
     bottom, top = 30e-6, 60e-6
-    along = SPEED * np.clip((z - bottom) / (top - bottom), 0.0, 1.0)
-    zone = shear_zone(z, flow(along), mass, DIAMETER)
+    zone = shear_zone(z, flow(SPEED * np.clip((z - bottom) / (top - bottom), 0.0, 1.0)), mass, DIAMETER)
     # plateaus and the band are straight lines: only the neighbours of an edge are interpolated
     assert zone.rate == pytest.approx(SPEED / (top - bottom), rel=1e-9)
     assert [zone.bottom, zone.top] == pytest.approx([33e-6, 57e-6], rel=1e-9)

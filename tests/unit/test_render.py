@@ -136,11 +136,9 @@ def test_a_crash_of_vtk_is_one_sentence_after_all_windows_were_tried(layer, tmp_
 
 
 def test_bodies_are_wrapped_whole_into_the_domain(tmp_path):
-    path = write_layer(tmp_path / "run.vtkhdf", 60, frames=12)
-    with open_run(path) as run:
+    with open_run(write_layer(tmp_path / "run.vtkhdf", 60, frames=12)) as run:
         first, last = read_picture_data(run, 0, "state"), read_picture_data(run, -1, "state")
-    size = last.high[:2]
-    assert np.all(last.bodies[:, :2] >= 0.0) and np.all(last.bodies[:, :2] <= size)
+    assert np.all(last.bodies[:, :2] >= 0.0) and np.all(last.bodies[:, :2] <= last.high[:2])
     # Spheres keep their place in their body; rel 1e-9 of a radius: two subtractions of 1e-4 m in float64.
     np.testing.assert_allclose(last.centers - last.bodies[last.body], first.centers - first.bodies[first.body], atol=1e-9 * R)
     assert np.any(last.bodies[:, 0] < first.bodies[:, 0]), "some bodies must have come round"

@@ -109,8 +109,7 @@ def test_summary_of_figures_and_of_the_run(tmp_path):
     with open_run(write(tmp_path, finish={"wall_seconds": 2.5, "steps": np.int64(7)})) as run:
         summary = run.summary()
     assert summary["finished"] and summary["wall_seconds"] == 2.5 and summary["steps"] == 7
-    figures = [summary[name] for name in ("frames", "bodies", "duration", "distance")]
-    assert figures == [5, 3, 4 * 1e-6, 8.0]
+    assert [summary[name] for name in ("frames", "bodies", "duration", "distance")] == [5, 3, 4 * 1e-6, 8.0]
     # the second half of the 8 m: the intervals of frames 3 and 4 with 0.3 and NaN (unloaded); rel: one product
     assert summary["friction_coefficient"] == pytest.approx(0.3, rel=1e-14)
     assert summary["fractions"] == {"free": 2 / 3, "sticking": 0.0, "sliding": 0.0, "rolling": 1 / 3}

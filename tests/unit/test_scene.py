@@ -112,8 +112,7 @@ def test_settings_replace_values_and_their_alternatives():
     ):
         for (one, value), (other, instead) in permutations(rivals, 2):
             given = {"plates.upper.support": "rigid", "debris.0.placement": "dilute", f"{table}.{one}": value}
-            before = Scene.parse(GOOD).with_settings(given)
-            now = before.with_settings({f"{table}.{other}": instead}).document()
+            now = Scene.parse(GOOD).with_settings(given).with_settings({f"{table}.{other}": instead}).document()
             for part in table.split("."):
                 now = now[int(part) if part == "0" else part]
             assert other in now and one not in now

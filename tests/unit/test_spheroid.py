@@ -104,8 +104,7 @@ def test_corrugation_and_normals_of_long_bodies_are_those_of_the_closed_form(r):
 @pytest.mark.parametrize(("form", "r", "n"), [("prolate", 0.5, 20), ("prolate", 0.5, 21), ("oblate", 0.6, 19)])
 def test_bodies_rest_on_their_flat_side(form, r, n):
     made = layout(form, r, n)
-    body = clump(made.centers, made.radii)
-    quaternions, heights = resting_poses(body)
+    quaternions, heights = resting_poses(clump(made.centers, made.radii))
     # the shorter semi-axis, less the gap between two spheres
     deep = corrugation(form, r, n).height * made.equivalent_radius
     assert np.all((heights <= r * (1.0 + 1e-12)) & (heights >= r - deep))
@@ -269,8 +268,7 @@ def test_tables_and_a_picture_of_the_bodies_are_made(call, scene, tmp_path):
     height, width, _ = pixels.shape
     assert width == 1600 and height > 900
     # bodies are coloured, words and paper are grey: rows of bodies, one ball and three views fill some of the picture
-    coloured = np.ptp(pixels, axis=2) > 40
-    assert 0.03 < coloured.mean() < 0.6
+    assert 0.03 < (np.ptp(pixels, axis=2) > 40).mean() < 0.6
     assert (pixels == 255).all(axis=2)[:, :20].all(), "nothing is cut at the edge"
 
 

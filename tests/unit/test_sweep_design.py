@@ -169,8 +169,7 @@ def finished(folder, vary, failed=-1, **options):
 
 
 def test_means_over_seeds_have_the_standard_error(tmp_path):
-    sweep = finished(tmp_path, {MU: [0.1, 0.2], SEED: [1, 2, 3]}, failed=0)
-    shown = average(sweep, MU, None)
+    shown = average(finished(tmp_path, {MU: [0.1, 0.2], SEED: [1, 2, 3]}, failed=0), MU, None)
     assert shown.x.tolist() == [0.1, 0.2] and shown.largest == 3 and shown.averaged == (SEED,)
     # seeds 1, 2, 3: mean 2, standard deviation 1; the failed point of seed 1 is left out; rounding of a few sums
     assert shown.values["friction_coefficient"] == pytest.approx([0.125, 0.22], rel=1e-12)
@@ -232,8 +231,7 @@ def test_maps_show_each_point_in_its_cell(tmp_path):
 
 
 def test_tables_of_pandas_and_xarray(tmp_path):
-    vary = {(SEED, LOAD): [(1, 1e-4), (2, 2e-4), (3, 3e-4)], MU: [0.1, 0.2]}
-    sweep = finished(tmp_path, vary, failed=5)
+    sweep = finished(tmp_path, {(SEED, LOAD): [(1, 1e-4), (2, 2e-4), (3, 3e-4)], MU: [0.1, 0.2]}, failed=5)
     # the constructor puts axes by single keys first
     assert list(sweep.axes.items()) == [(MU, "1"), (SEED, "1"), (LOAD, "N")]
     data = sweep.to_pandas()
