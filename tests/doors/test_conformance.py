@@ -16,8 +16,7 @@ from thirdbody.laws.hertz import HERTZ
 from thirdbody.laws.registry import discover, load_file
 
 HERE = Path(__file__).parent
-TEMPLATE = HERE.parents[1] / "plugins" / "dmt_adhesion.py"
-OURS = discover([TEMPLATE]).laws
+OURS = discover([HERE.parents[1] / "plugins" / "dmt_adhesion.py"]).laws
 BAD = {law.name: law for family in load_file(HERE / "bad_laws.py").families for laws in family.levels.values() for law in laws}
 SLOW = pytest.mark.full(kind="slow")
 

@@ -132,7 +132,6 @@ INTERNAL = {
 """Public by name, for other parts of thirdbody only."""
 DECORATORS = {"plugin.kernel", "plugin.helper"}  # made by numba; what they do stands where they are set
 LEFT = {name: thing for name, thing in PUBLIC.items() if name not in INTERNAL | DECORATORS}
-FUNCTIONS = sorted(name for name, thing in LEFT.items() if inspect.isfunction(thing) or inspect.ismethod(thing))
 
 
 def sections(docstring):
@@ -147,7 +146,7 @@ def test_everything_public_has_a_docstring_of_its_own(name):
         assert first and first.endswith((".", ":")) and len(first) <= 130, first
 
 
-@each(FUNCTIONS)
+@each(sorted(name for name, thing in LEFT.items() if inspect.isfunction(thing) or inspect.ismethod(thing)))
 def test_every_parameter_is_named_and_what_is_returned_described(name):
     signature, described = inspect.signature(LEFT[name]), sections(LEFT[name].__doc__)
     names = [parameter for parameter in signature.parameters if parameter not in ("self", "cls")]

@@ -29,12 +29,11 @@ def push(b, p):
 PLUGIN = Plugin("push", effects=(BodyEffect("push", push, Numbers, lambda options: Numbers(1.0), "Newton 1687"),))
 """
 BALL = '[[debris]]\nmaterial = "steel"\nkind = "spheres"\nradius = "5 um"\npositions = [["10 um", "10 um", "10 um"]]\n'
-FLIGHT = scene_text(f"{BALL}[effects]\npush = true", '["80 um", "60 um"]')
 
 
 def flown(folder, edits):
     """Speed along x over time under the push after each edit of files, {path: text}, each in a process of its own."""
-    (folder / "flight.toml").write_text(FLIGHT)
+    (folder / "flight.toml").write_text(scene_text(f"{BALL}[effects]\npush = true", '["80 um", "60 um"]'))
     found, paths = [], os.pathsep.join(filter(None, [str(folder / "site"), os.environ.get("PYTHONPATH")]))
     for k, texts in enumerate(edits):
         for name, text in texts.items():

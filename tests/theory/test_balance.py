@@ -199,12 +199,11 @@ ODD = (
     (spot("upper", 0.0, 1e-6), *2 * (spot("lower", 0.0, 1e-6),)), (spot("upper", 0.0, 1e-6), spot("lower", 0.0, 1e-6)),
     EVEN, SOLID, clump(0.0), clump(0.0, 1e-6),
 )  # fmt: skip
-HOW = ({}, {"mu": 0.0}, {"mu": 1e9}, {"direction": (0.0, 1.0)}, {"load": 1e-4}, {"weight": 1e-5})
 
 
 @pytest.mark.parametrize("which", [zip, pytest.param(itertools.product, marks=OTHER)])
 def test_odd_particles_end_finite(which):
-    for spots, path in which(ODD, HOW):
+    for spots, path in which(ODD, ({}, {"mu": 0.0}, {"mu": 1e9}, {"direction": (0.0, 1.0)}, {"load": 1e-4}, {"weight": 1e-5})):
         result = walk(spots, steps=8, **path)
         assert len(result.points) == 9 and result.stopped is None
         for point in result.points:

@@ -19,13 +19,12 @@ from thirdbody.scene.model import ConstantVelocity, Motion
 
 RADIUS = 1e-3
 SLOPE = (5.0, 0.0, -5.0)
-RUN = 5.0005e-3
 
 
 def slope_ball(make, friction):
     one = [make.ball(RADIUS, (5.0, 5.0, RADIUS))]
     simulation = build(make.scene(one, {"ball": make.STEEL}, lower="ball", friction=friction, restitution=0.3, gravity=SLOPE))
-    simulation.integrator.advance_to(time=RUN)
+    simulation.integrator.advance_to(time=5.0005e-3)
     return simulation
 
 

@@ -26,7 +26,6 @@ def spot(side, x, z):
 # the strut from the left foot to the top leans by 1.5/4 = .375 > mu; the right foot hangs .1 um above the plate
 LAME = (spot("upper", 0.5, 2.0), spot("lower", -1.0, -2.0), spot("lower", 1.0, -1.9))
 # no foot to the right: the strut of .375 falls, and lies down ever more
-FALLING = (spot("upper", 0.5, 2.0), spot("lower", -1.0, -2.0), spot("lower", -1.5, -1.9))
 
 
 def pressed(spots=LAME, level="mindlin", mu=MU, **path):
@@ -77,7 +76,7 @@ def test_the_forecast_is_that_of_the_seat():
 
 
 def test_a_particle_that_tips_over_has_no_static_state_and_no_forecast_of_one():
-    result = pressed(FALLING)
+    result = pressed((spot("upper", 0.5, 2.0), spot("lower", -1.0, -2.0), spot("lower", -1.5, -1.9)))
     assert result.points == [] and result.seat is None and result.stopped is not None and result.stopped.label == "rolling"
     # that of the two spots that touch; the third never does
     assert result.forecast.mu_required == pytest.approx(1.5 / 4.0, rel=1e-12) and result.forecast.possible == []

@@ -34,7 +34,6 @@ DEBRIS = '[[debris]]\nmaterial = "steel"\nkind = "irregular"\nspheres = 1\naspec
 DEBRIS += 'size = {distribution = "lognormal", median = "10 um", sigma = 0.2, min = "9 um", max = "11 um"}'
 UPPER = 'support = "load_per_particle"\nload = "0.01 mN"\nmotion = {x = {velocity = "1 mm/s"}}'
 SOLVER = 'distance = "10 nm"\nsettle = "0.1 us"\nintegrator = "explicit"'
-BALL = scene_text(DEBRIS, '["60 um", "60 um"]', UPPER, solver=SOLVER, every="10 nm")
 BED = (
     ("count = 1", 'count = 40\nplacement = "dense"'), ('["60 um", "60 um"]', '["30 um", "30 um"]'),
     ('support = "load_per_particle"', 'support = "rigid"'),
@@ -72,7 +71,7 @@ WARNINGS = {
 
 
 def scene(*changes: tuple[str, str]) -> Scene:
-    return Scene.parse(edited(BALL, *changes), "x.toml")
+    return Scene.parse(edited(scene_text(DEBRIS, '["60 um", "60 um"]', UPPER, solver=SOLVER, every="10 nm"), *changes), "x.toml")
 
 
 @each(WARNINGS)

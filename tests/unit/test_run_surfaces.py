@@ -162,7 +162,6 @@ def test_a_page_thins_out_a_fine_surface(surfaces, tmp_path):
 
 
 BROWSER = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
-needs_browser = pytest.mark.skipif(BROWSER is None, reason="needs Chromium")
 
 
 @pytest.fixture(scope="module")
@@ -209,7 +208,7 @@ def browse(page, *options):
 
 
 @pytest.mark.full(kind="browser")
-@needs_browser
+@pytest.mark.skipif(BROWSER is None, reason="needs Chromium")
 @pytest.mark.parametrize("view", ["iso", "side", "front", "top"])
 def test_a_browser_shows_bodies_and_legend(layer, tmp_path, view):
     page = render(layer, tmp_path / "a.html", view=view)

@@ -33,7 +33,6 @@ MOTIONS = {
     "triangle": '[{stroke = "1 um", frequency = "500 kHz", shape = "triangle", cycles = 1.5}, {velocity = "1 m/s"}]',
     "table": '[{table = "path.csv"}, {velocity = "-1 m/s"}]',
 }  # fmt: skip
-LOADS = ('[{load = "4 mN", duration = "1 us"}, {pause = "0.5 us"}, {load = "1 mN"}]', '{table = "load.csv"}')
 
 
 @pytest.fixture
@@ -62,7 +61,7 @@ def test_the_plate_takes_the_same_path_in_another_time(read):
     made = schedule(read(f'load = "2 mN"\nmotion = {{x = {motion}}}'), 0.0)
     assert [made.displacement_at(t * 1e-6)[0] for t in (2, 3, 4, 5)] == pytest.approx([1.5e-6, 0.5e-6, 1e-6, 3e-6], rel=1e-9)
     # a load stays at its place on the path
-    for loading in LOADS:
+    for loading in ('[{load = "4 mN", duration = "1 us"}, {pause = "0.5 us"}, {load = "1 mN"}]', '{table = "load.csv"}'):
         given, factor = read(f'load = "2 mN"\nloading = {loading}\nmotion = {{x = {{velocity = "1 m/s"}}}}'), 7.0
         before, after = schedule(given, SETTLED).load, schedule(at_speed(given, factor), SETTLED).load
         for t in TIMES:

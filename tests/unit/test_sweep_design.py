@@ -15,12 +15,10 @@ from thirdbody.studies.point import DONE, FAILED, PointResult, write_result
 from thirdbody.studies.sweep_file import read_sweep, sweep_of_options, sweep_of_python
 from thirdbody.sweeps import Sweep
 
-HEAD = 'sweep = 1\nscene = "scene.toml"\n'
-
 
 def of_file(folder, text):
     path = folder / "sweep.toml"
-    path.write_text(HEAD + text, encoding="utf-8")
+    path.write_text('sweep = 1\nscene = "scene.toml"\n' + text, encoding="utf-8")
     return read_sweep(path)
 
 
