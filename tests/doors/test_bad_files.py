@@ -253,7 +253,7 @@ def test_all_faults_of_tables_are_reported_at_once_and_counted(scene, command, t
     assert lines[10].endswith("b.csv: and 15 more faults") and "debris[1].file" in lines[11]
 
 
-def test_keys_that_do_not_go_together(scene, command, tmp_path):
+def test_keys_that_do_not_go_together_and_places_that_cannot_be(scene, command, tmp_path):
     """A velocity in the file and a placement give a warning besides, in `check` only."""
     (tmp_path / "b.npz").write_bytes(npz(velocity=np.zeros((2, 3))))
     for more, *words in (
@@ -267,10 +267,7 @@ def test_keys_that_do_not_go_together(scene, command, tmp_path):
         report = command("check", "scene.toml")
         assert report.code == 3 and len(report.err.strip().splitlines()) == 1
         assert all(word in report.err for word in words), (words, report.err)
-
-
-def test_places_that_cannot_be(scene, command, tmp_path):
-    """Places are those of the file, so the fault is told at its key."""
+    # places are those of the file, so the fault is told at its key
     for changes, *words in (
         ([("40,30", "12,10"), ("40,35", "12,15")], "bodies 0 and 1 overlap", "initial_overlap"),
         ([("0,14,10,4,4", "0,14,10,4,5")], "body 0 starts 1 um deep in the lower plate"),

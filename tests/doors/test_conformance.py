@@ -115,7 +115,7 @@ def no_state(contacts, n, body, memory, out):
     out[0] = 7.0
 
 
-def test_faults_of_measures_effects_and_labellers():
+def test_faults_of_measures_effects_and_labellers_and_a_forgotten_comma():
     """Compiled and in Python, for one that passes all tests."""
     measure, effect = PARTS.measures["wear"], PARTS.effects["gravity"]
     assert not failed(passed := check([effect])) and {one.test for one in passed} >= {"forces", "compiled"}
@@ -129,9 +129,6 @@ def test_faults_of_measures_effects_and_labellers():
     ):
         found = failed(check([part]))
         assert found.keys() == {test} and re.search(words, found[test]), found
-
-
-def test_a_forgotten_comma_is_named():
     for make, words in (
         (lambda: Plugin("mine", effects=HERTZ), r"effects of 'mine': expected a tuple, as \(EFFECT,\), not Law"),
         (lambda: Plugin("mine", measures=(HERTZ,)), "measures of 'mine': Law .* does not belong there"),

@@ -61,13 +61,10 @@ def test_every_key_has_a_meaning_and_an_example_that_can_be_read(part):
             TypeAdapter(field.rebuild_annotation()).validate_python(schema["examples"][0], context={"file": True})
 
 
-def test_options_have_a_meaning_and_an_example(registry):
+def test_options_have_a_meaning_and_a_key_of_several_tables_is_listed_once(registry):
     options = [key for key in all_keys(registry) if key.path.startswith(("contact.", "effects."))]
     assert {"contact.springs", "contact.nodes", "effects.local_damping.until", "effects.gravity"} <= {key.path for key in options}
     assert not [key.path for key in options if not (key.meaning and key.example and key.value)]
-
-
-def test_a_key_of_several_tables_is_listed_once(registry):
     keys = {(key.path, key.tables): key for key in all_keys(registry)}
     assert keys["debris.material", ()].default == "required"
     assert '"mesh"' in keys["debris.kind", ()].value

@@ -136,12 +136,9 @@ def laid_over(base, given, depth):
     return left | {key: laid_over(base.get(key), value, depth - 1) for key, value in given.items()}
 
 
-def test_every_generator_has_a_page():
+def test_every_generator_has_a_page_and_modules_that_the_page_of_the_source_names_exist():
     shown = [name for page in PAGES for _, name, _, _ in PART.findall(page.text)]
     assert sorted(shown) == sorted(PARTS)
-
-
-def test_modules_that_the_page_of_the_source_names_exist():
     packages = {path.name for path in PACKAGE.iterdir() if path.is_dir()}
     text = (ROOT / "src" / "README.md").read_text(encoding="utf-8")
     names = {name for name in re.findall(r"`([a-z_]+(?:\.[a-z_]+)*)`", text) if name.split(".")[0] in packages}

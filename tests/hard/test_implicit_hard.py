@@ -78,15 +78,11 @@ PATH = np.arange(1, 11) * 1e-7
 
 
 @pytest.mark.parametrize("level", LEVELS)
-def test_many_spots_slide_together(level):
+def test_many_spots_slide_together_and_friction_above_the_lever_arm_tips_a_body(level):
     simulation = start(sheet(), drag(), level=level)
     run = follow(simulation, PATH)
     assert run.labels[-1] == "sliding" and np.count_nonzero(make.touching(simulation)) > 20
     assert run.force[-1] == pytest.approx(0.3, rel=1e-4)  # the dashpot of the patch carries the rest
-
-
-@pytest.mark.parametrize("level", LEVELS)
-def test_friction_above_the_lever_arm_tips_a_body(level):
     simulation = start(THREE, drag(), level=level, friction=0.7)
     run = follow(simulation, PATH[:5])
     assert run.labels[-1] == "rolling" and run.force[-1] < SPAN / HEIGHT

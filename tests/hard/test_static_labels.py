@@ -59,7 +59,7 @@ def alike(particle, debris, mu, folder):
     return here[-1] == there[len(here) - 1]
 
 
-def test_planar_particles(tmp_path):
+def test_planar_particles_and_clumps(tmp_path):
     different = []
     for seed in range(20):
         spots, mu = planar(seed)
@@ -67,9 +67,6 @@ def test_planar_particles(tmp_path):
         if not alike({"spots": spots}, debris, mu, tmp_path):
             different.append(seed)
     assert len(different) <= (1.0 - ALIKE) * 20, different
-
-
-def test_clumps(tmp_path):
     different = []
     for seed in range(40):
         centers, radii, mu = clump(seed)

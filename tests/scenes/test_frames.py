@@ -66,7 +66,7 @@ def test_a_run_opens_again_and_is_whole(name, runs):
 
 
 @DRAGGED
-def test_series_are_finite_where_they_must_be(name, runs):
+def test_series_are_finite_where_they_must_be_and_states_counted(name, runs):
     _, run = runs(name)
     for series, values in run.series.items():
         assert len(values) == run.frames and series in run.units
@@ -83,10 +83,6 @@ def test_series_are_finite_where_they_must_be(name, runs):
     frame = run.to_pandas()
     assert len(frame) == run.frames and np.array_equal(frame["upper_force_z"], run.series["upper_force"][:, 2])
     assert set(frame) >= {"time", "distance", "gap", "friction_coefficient", "fraction_rolling", "energy_residual"}
-
-
-@DRAGGED
-def test_states_are_valid_and_counted(name, runs):
     scene, run = runs(name)
     assert run.state_names == ["free", "sticking", "sliding", "rolling"]
     assert run.states.shape == run.reasons.shape == (12, scene.debris[0].count)

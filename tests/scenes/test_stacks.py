@@ -178,15 +178,12 @@ def test_labels_and_reasons(name, seen):
         assert frame == STACKS[name].reported
 
 
-def test_the_path_of_sliding_flakes_is_that_of_the_plate(seen):
+def test_sliding_flakes_have_the_path_of_the_plate_and_a_rolling_ball_turns_by_its_travel(seen):
     """The lower flake's partner above is the upper flake, as fast as the plate: slip is the whole of its travel, as it is for
     the upper one over a partner at rest. What is missing is the elastic slip before the first sliding."""
     # critical slips of some 3 nm for all of the interfaces in series, of a window of 4 x 95 nm
     assert seen("between").bodies[-1]["slip_over_travel"] == pytest.approx([1.0, 1.0], abs=0.02)
-
-
-def test_a_rolling_ball_turns_by_its_travel(seen):
-    """Rotation times height over travel is 1 for rolling without slip between the two flakes' surfaces, and no slip is left."""
+    # rotation times height over travel is 1 for rolling without slip between the two flakes' surfaces, and no slip is left
     ball = {name: values[1] for name, values in seen("ball").bodies[-1].items()}
     # the ball starts to turn with the flakes' first elastic displacement, 1 nm of 380
     assert ball["roll_ratio"] == pytest.approx(1.0, abs=0.01)

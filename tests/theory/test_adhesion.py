@@ -131,7 +131,7 @@ def test_the_work_of_a_step_with_a_jump(integrator):
             assert tangent(contact(after, moved=step), p, h) == pytest.approx((ahead - behind) / (2e-6 * step), rel=1e-5)
 
 
-def test_the_energy_of_pressing_and_pulling():
+def test_energies_of_jkr_and_dmt_as_hertz_less_a_constant():
     """The neck gives back what it took, less the loop; the stored energy is the integral of the force, zero where it breaks."""
     answer, _ = at(1e-12, 0.0)
     assert answer.dissipated == pytest.approx(LOST, rel=1e-8) and at(1e-12, 1.0)[0].dissipated == 0.0  # that of the quadrature
@@ -142,9 +142,6 @@ def test_the_energy_of_pressing_and_pulling():
     answer, _ = at(d, work_of_adhesion=0.0)
     assert answer.force == pytest.approx(4.0 / 3.0 * E_STAR * math.sqrt(RADIUS) * d**1.5, rel=1e-8)  # least work of adhesion
     assert answer.contact_radius == pytest.approx(math.sqrt(RADIUS * d), rel=1e-7)
-
-
-def test_dmt_is_hertz_less_a_constant_and_the_tabor_number_mixes():
     chosen, p, _ = law("dmt")
     hertz = Normal(1e-7, 1e-8, 0.0, 0.0, 0.0, 0.0)
     answer = plain(chosen.kernel)(contact(1e-10), hertz, p)

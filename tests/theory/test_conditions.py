@@ -78,7 +78,7 @@ HEAVY = {
 }
 
 
-def test_normal_forces_with_tilt_and_weight():
+def test_normal_forces_with_tilt_and_weight_and_a_spot_that_lifts_off():
     ours = {weight: theory.tilted_normal_forces(X, E1, E2, R, CLOSING, weight) for weight in HEAVY}
     for weight, forces in HEAVY.items():
         assert ours[weight] == pytest.approx(forces, rel=1e-12, abs=0.0)
@@ -95,9 +95,6 @@ def test_normal_forces_with_tilt_and_weight():
     exact, series = theory.tilted_normal_forces, theory.tilted_force_series
     errors = [abs(series(*particle, weight) - exact(*particle, weight)[0]) for weight in (2e-6, 4e-6)]
     assert math.log2(errors[1] / errors[0]) == pytest.approx(3.0, abs=0.05)  # the first missing term is (m g)^3
-
-
-def test_a_spot_that_lifts_off_is_reported():
     with pytest.raises(ValueError, match="lifts off"):
         theory.tilted_normal_forces((2e-6, *X[1:]), E1, E2, R, CLOSING, 0.0)  # x_1 beyond x_3
     with pytest.raises(ValueError, match="lifts off"):

@@ -76,7 +76,7 @@ def test_first_loading_is_cattaneo_and_mindlin():
     assert lost == pytest.approx(closed_forms.mindlin_loop_work(0.5) * limit * s_c, rel=1e-12)
 
 
-def test_force_dies_with_the_overlap_and_is_not_kept():
+def test_force_dies_with_the_overlap_and_full_sliding_is_the_limit_exactly():
     spot = Spot()
     spot.move(D1, 0.0)
     spot.move(D1, 0.4 * KAPPA * D1)
@@ -93,9 +93,6 @@ def test_force_dies_with_the_overlap_and_is_not_kept():
     apart.move(D0, 0.4 * KAPPA * D0)
     touching.move(D0, 0.2 * KAPPA * D0)
     assert apart.force == pytest.approx(touching.force, rel=1e-15)
-
-
-def test_full_sliding_is_the_limit_exactly_and_no_friction_is_none():
     spot = Spot()
     spot.move(D0, 0.0)
     for damped in (1.0, 1.7, 0.2, 1.0):
@@ -165,7 +162,7 @@ def somewhere(rng, size):
     return rng.uniform(0.3, 1.2) * D1, rng.normal(size=2) * size * KAPPA * D1
 
 
-def test_tangent_of_the_virgin_patch_and_of_full_sliding():
+def test_tangents_of_the_virgin_patch_of_full_sliding_at_first_touch_and_after_a_gap():
     """Along the slip 2 G* c with the stick radius c (Cattaneo), across it the secant of the force; also at an angle."""
     spot, full, limit = Spot(), 2.0 * G * theory.contact_radius(R, D1), MU * theory.hertz_force(E, R, D1)
     spot.move(D1, 0.0)
@@ -182,10 +179,7 @@ def test_tangent_of_the_virgin_patch_and_of_full_sliding():
     assert tangent[:, 2] == pytest.approx(-damped * MU * closed_forms.hertz_stiffness(E, R, D1) * OBLIQUE, rel=1e-6)
     assert ACROSS @ tangent[:, :2] @ ACROSS == pytest.approx(-limit / path, rel=1e-6)
     assert np.abs(tangent[:, :2] @ OBLIQUE).max() < 1e-6 * limit / (KAPPA * D1)
-
-
-def test_tangent_at_first_touch_and_after_a_gap():
-    """The slip is shared over the overlap; of a step that began apart the part before touch is lost."""
+    # the slip is shared over the overlap; of a step that began apart the part before touch is lost
     rng, misses = np.random.default_rng(4), []
     for overlap in (0.0, -0.5 * D1):
         for size in 4 * (0.02, 0.3, 5.0):

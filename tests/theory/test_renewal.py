@@ -149,16 +149,13 @@ def test_a_spot_that_rolls_on_loses_its_history(level):
     assert across == pytest.approx(straight, rel=1e-9) and swaying == pytest.approx(straight, rel=0.01)  # it went 0.01 a farther
 
 
-def test_a_value_of_the_scene_overrides_the_rate():
+def test_the_rate_is_a_word_or_a_number_of_the_scene():
     for level, rate in itertools.product(EVERY, (0.0, 2.0)):
         spot = RollingSpot(level, pair(0.3, friction=1e6), renewal=rate)
         start = spot.shear(0.3).x
         for _ in range(10):
             force = spot.move(roll=0.1 * A).x
         assert force == pytest.approx(start * math.exp(-rate), rel=1e-7 if level == "exact" else 1e-12), level
-
-
-def test_the_rate_is_a_word_or_a_number():
     assert option_value(RENEWAL, "kalker", True) == "kalker" and option_value(RENEWAL, 0.3, True) == 0.3
     with pytest.raises(ValueError, match="expected 'kalker' or a number from 0 to 100, got 'hertz'"):
         option_value(RENEWAL, "hertz", True)

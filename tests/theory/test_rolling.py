@@ -82,7 +82,7 @@ def pinched(make, request):
     return request.param, labels, np.array(rows).T
 
 
-def test_pinched_ball_slips_as_long_as_momentum_says(pinched):
+def test_a_pinched_ball_slips_as_long_as_momentum_says_then_rolls_without_force(pinched):
     """mu N above and 3/7 mu N below speed it up evenly, until v = V/2 after 7 m V/(20 mu N)."""
     integrator, _, (time, v, omega, below, above) = pinched
     slipping = (time > (0.1 if integrator == "explicit" else 0.2)) & (time < 0.96)
@@ -94,9 +94,6 @@ def test_pinched_ball_slips_as_long_as_momentum_says(pinched):
     slope, offset = np.polyfit(time[slipping], v[slipping], 1)
     # the straight part meets v = V/2 where slip ends; the lag of the first contact period is some 1e-3 of the slip time
     assert (0.5 - offset) / slope == pytest.approx(1.0, abs=2e-3 if integrator == "explicit" else 1e-3)
-
-
-def test_pinched_ball_ends_rolling_without_force(pinched):
     integrator, labels, (time, v, omega, below, above) = pinched
     after, (half, _) = time > 1.3, closed_forms.pinched_sphere_rolling(1.0, 1.0)
     # explicit: the tangential springs ring down within a few of their periods, 1/30 of the slip time each; implicit: dashpots and

@@ -63,7 +63,7 @@ def test_seats_by_load_and_by_indentation_of_a_mirror_image_and_of_an_even_parti
     assert pressed((LAME[0] | {"x": 0.0}, LAME[1], LAME[2] | {"z": -2e-6})).seat is None
 
 
-def test_the_forecast_is_that_of_the_seat():
+def test_the_forecast_is_that_of_the_seat_and_none_where_the_particle_tips_over():
     """t = (x_1 - x)/h with the upper spot at x_1 and the feet at x, all turned: spheres of equal radius by their centres."""
     forecast = pressed().forecast
     c, sn = math.cos(TILT), math.sin(TILT)
@@ -73,9 +73,6 @@ def test_the_forecast_is_that_of_the_seat():
     # rotations of 4e-4 rad, and places that they move by 2 um of 4
     assert (forecast.t_min, forecast.t_max) == pytest.approx(((top - right) / h, (top - left) / h), abs=4e-4)
     assert forecast.possible == ["sticking", "sliding"]
-
-
-def test_a_particle_that_tips_over_has_no_static_state_and_no_forecast_of_one():
     result = pressed((spot("upper", 0.5, 2.0), spot("lower", -1.0, -2.0), spot("lower", -1.5, -1.9)))
     assert result.points == [] and result.seat is None and result.stopped is not None and result.stopped.label == "rolling"
     # that of the two spots that touch; the third never does

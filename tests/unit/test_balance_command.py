@@ -58,7 +58,7 @@ def write(tmp_path):
     return make
 
 
-def test_json_has_the_promised_keys(write, capsys, tmp_path):
+def test_json_has_the_promised_keys_and_tangential_forces_in_space_are_vectors(write, capsys, tmp_path):
     balance_command(write(), json=True, level="mindlin", out=tmp_path / "a.png")
     seen = capsys.readouterr()
     report = json.loads(seen.out, parse_constant=lambda word: pytest.fail(word))
@@ -72,9 +72,6 @@ def test_json_has_the_promised_keys(write, capsys, tmp_path):
     assert len(first["N"]) == 3 and isinstance(first["T"][0], float) and isinstance(first["phi"], float)
     assert report["moduli"]["upper"]["e_star"] == pytest.approx(129729729729.730, rel=1e-13)  # Eq. 4
     assert report["moduli"]["lower"]["g_star"] == pytest.approx(94117647058.8235, rel=1e-13)  # Eq. 14
-
-
-def test_in_space_tangential_forces_are_vectors(write):
     result = balance(write(("steps = 24", "steps = 2\ndirection = [0, 1]")), "mindlin")
     point = result.points[-1]
     assert not result.planar and (len(point.T[0]), len(point.u), len(point.phi)) == (2, 2, 3)
@@ -193,18 +190,15 @@ def test_close_spots_share_the_plate(write):
         assert [hertz[1] + g * other, hertz[2] + g * one] == pytest.approx(sinks, rel=1e-9) and g * other > 0.005 * hertz[1]
 
 
-def test_the_suffix_is_the_format(command, tmp_path):
+def test_the_suffix_is_the_format_and_json_reports_fig_2_and_the_limits(command, tmp_path):
     assert command("map") == (0, "map.png\n", "")
     data = (tmp_path / "map.png").read_bytes()
     assert data.startswith(b"\x89PNG") and len(data) > 20_000  # an empty canvas of this size takes 8 kB
     code, out, err = command("map", "--json", "-o", "b.svg")  # stays JSON beside a picture
     assert code == 0 and json.loads(out)["fig2"]["H"] == 1.0 and err == "b.svg\n"
     assert (tmp_path / "b.svg").read_bytes().startswith(b"<?xml")
-
-
-def test_json_reports_fig_2_and_the_limits(command, tmp_path):
     code, out, err = command("map", "--json", "--H", "0.6", "--half-width", "0.25")
-    assert code == 0 and err == "" and not list(tmp_path.iterdir())
+    assert code == 0 and err == "" and len(list(tmp_path.iterdir())) == 2  # no more files
     report = json.loads(out)
     fig, limits = report["fig2"], report["regimes"]
     n, z = np.meshgrid(fig["n_2"], fig["zeta_2"])

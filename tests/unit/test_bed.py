@@ -62,7 +62,7 @@ def measured(state, gap, velocities=None, elastic=0.0):
     return BedMeasures(state, MODULUS).series(PRESSURE, velocities, gap, elastic)
 
 
-def test_the_solid_fraction_of_a_crystal():
+def test_the_solid_fraction_of_a_crystal_and_of_clumps():
     for layers in (4, 5, 9):  # one layer is left out at each plate
         series = measured(*crystal(layers))
         assert tuple(series) == BED and series["solid_fraction"] == pytest.approx(math.pi / 6.0, rel=1e-12)
@@ -72,9 +72,6 @@ def test_the_solid_fraction_of_a_crystal():
     state.S[:, 2] += 0.7 * R
     # the slab cuts balls at both ends at the same height of the crystal: what one end loses the other gains
     assert measured(state, gap)["solid_fraction"] == pytest.approx(math.pi / 6.0, rel=1e-12)
-
-
-def test_clumps_count_with_the_volume_of_their_union():
     pair = clump([[-0.5 * R, 0.0, 0.0], [0.5 * R, 0.0, 0.0]], [R, R])
     lens = math.pi * (4.0 * R + R) * (2.0 * R - R) ** 2 / 12.0  # of two equal balls at the distance R
     volume = 8.0 / 3.0 * math.pi * R**3 - lens
@@ -89,7 +86,7 @@ def test_clumps_count_with_the_volume_of_their_union():
     assert measured(state, 20.0 * R)["solid_fraction"] == pytest.approx(expected, rel=1e-9)
 
 
-def test_the_inertial_number_of_plane_shear():
+def test_plane_shear_has_its_inertial_number_and_no_energy_of_fluctuation():
     small, large = clump([[0.0, 0.0, 0.0]], [R]), clump([[0.0, 0.0, 0.0]], [1.2 * R])
     z = np.linspace(R, 39.0 * R, 60)
     positions = np.column_stack([np.zeros(60), np.zeros(60), z])
@@ -103,9 +100,6 @@ def test_the_inertial_number_of_plane_shear():
     diameters = np.array([1.0] * 100 + [3.0] * 10)
     assert median_by_mass(diameters, diameters**3) == 3.0  # 270 of 370
     assert median_by_mass(diameters, np.ones(110)) == 1.0
-
-
-def test_the_mean_flow_has_no_energy_of_fluctuation():
     state, gap = crystal(6)
     state.B[:, body.VELOCITY3] = np.outer(1e4 * state.bodies.position[:, 2], [0.6, 0.8, 0.0]) + [3.0, 0.0, 0.1]
     kinetic = 0.5 * float(state.bodies.mass @ np.sum(state.bodies.velocity**2, axis=1))
@@ -225,7 +219,7 @@ def test_the_steady_part(row):
     assert np.flatnonzero(result.steady).tolist() == list(range(first, last + 1))
 
 
-def test_the_verdicts_give_the_number_and_what_it_means():
+def test_the_verdicts_give_the_number_and_the_rise_is_that_of_the_published_law():
     assert inertia_verdict(8e-4) == "quasi-static: I = 0.0008, friction within 0.0007 of its slow limit"
     assert inertia_verdict(4e-3) == "nearly quasi-static: I = 0.004 raises friction by about 0.004"
     assert inertia_verdict(0.02) == "not quasi-static: I = 0.02 raises friction by about 0.02"
@@ -233,9 +227,6 @@ def test_the_verdicts_give_the_number_and_what_it_means():
     for softness, word in limits.items():
         said = beds.softness_verdict(softness, 1e-4)
         assert said.startswith(word) and "0.01 % of the radius" in said
-
-
-def test_the_rise_is_that_of_the_published_law():
     # Jop et al.: mu_s = tan 20.9, mu_2 = tan 32.76, I_0 = 0.279; two digits are printed
     low, high, scale = np.tan(np.radians(20.9)), np.tan(np.radians(32.76)), 0.279
     for number in (1e-3, 1e-2, 0.1, 1.0):
@@ -289,7 +280,7 @@ def test_one_body_between_the_plates(name):
         plate.schedule = Schedule(y=plate.schedule.x)
 
 
-def test_beds_are_sheared_between_the_bodies_that_pass_load_on():
+def test_beds_are_sheared_between_the_bodies_that_pass_load_on_and_told_in_words():
     bodies = [(0.1 * V, 0.2 * V / R), (0.5 * V, 0.4 * V / R), (0.9 * V, 0.05 * V / R)]
     contacts = [(0, BOTTOM, 2e-4), (1, (DEBRIS, (0.0, 0.0, R)), 3e-4), (2, TOP, 2e-4)]
     # upper: V - 0.9 V - 0.05 V; lower: 0.1 V - 0.2 V; rolling: 0.05 V + 0.2 V; shear: 0.9 V - 0.1 V; not the body in the middle
@@ -302,9 +293,6 @@ def test_beds_are_sheared_between_the_bodies_that_pass_load_on():
     p, q = transmitting_weights(np.array([2.0, 3.0, 0.0]), np.array([2.0, 1.0, 2.0]), True)
     # body 0 and a third of body 1's load go straight down, the other 2 N through body 1, between bodies, and body 2
     assert p == pytest.approx([0.4, 0.6, 0.0]) and q == pytest.approx([0.4, 0.2, 0.4])
-
-
-def test_shares_in_words_leave_nothings_out():
     fractions = {"upper_slip": 0.321, "lower_slip": -0.02, "rolling": 0.699, "shear": 0.0}
     text = "70 % rolling, 32 % slip at the upper plate, \u22122 % slip at the lower plate"
     assert beds.accommodation_text(fractions).replace("\u00a0", " ") == text

@@ -244,15 +244,12 @@ def integrated_restitution(alpha: float) -> float:
     return -float(impact.y_events[0][0][1])
 
 
-def test_published_values_and_integrated_impacts():
+def test_damping_numbers_published_and_integrated_and_their_smooth_inverse():
     # half of the last decimal of the table
     assert {e: damping_number(e) for e in TABLE} == pytest.approx(TABLE, abs=0.6e-7)
     for e in (0.05, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.95, 0.99):
         # the integrator's tolerance is 1e-11 a step; the root at x -> 0 costs it some digits
         assert integrated_restitution(damping_number(e)) == pytest.approx(e, rel=1e-7, abs=0.0)
-
-
-def test_restitution_is_the_inverse_smooth_and_of_a_contact_that_does_not_pull():
     for restitution in (1e-3, 0.02, math.exp(-2.0), 0.4, 0.999, 1.0 - 1e-9):
         # the bisection ends within two roundings of alpha, and e changes by less than alpha does
         assert restitution_of(damping_number(restitution)) == pytest.approx(restitution, rel=1e-12, abs=0.0)

@@ -112,7 +112,7 @@ def test_an_orientation_turns_a_shape_about_its_centre_of_mass():
     assert plain == pytest.approx([4e-6, 3e-6, 0.0], abs=1e-18) and turned == pytest.approx(matrix_from_quaternion(q) @ plain)
 
 
-def test_csv_and_npz_say_the_same(placed):
+def test_csv_and_npz_say_the_same_and_a_layer_takes_the_shapes_in_turn(placed):
     extra = {1: "1,0,0,0,1,2,3,-1,0,5", 3: "0.6,0,0.8,0,4,5,6,7,8,9", 9: "0,1,0,0,0,0,0,0,0,2"}
     head = PLAIN.splitlines()[0] + ",qw,qx,qy,qz,vx [mm/s],vy [mm/s],vz [mm/s],wx [1/s],wy [rad/s],wz [1/s]\n"
     lift = [(c, x, y, z + 20, r) for c, x, y, z, r in SPHERES]
@@ -125,9 +125,6 @@ def test_csv_and_npz_say_the_same(placed):
         # text is rounded once, the arrays above twice
         assert getattr(a, name) == pytest.approx(getattr(b, name), rel=1e-14, abs=1e-18)
     assert a.velocities[1] == pytest.approx([4e-3, 5e-3, 6e-3], rel=1e-15) and a.angular_velocities[0].tolist() == [-1, 0, 5]
-
-
-def test_a_layer_takes_the_shapes_in_turn(placed):
     bodies, warnings, _ = placed(PLAIN, 'placement = "layer"\ncount = 5\nseed = 4')
     assert [len(body.radii) for body in bodies.clumps] == [1, 2, 3, 1, 2] and not warnings
     centres, radii, body = sphere_centres(bodies)

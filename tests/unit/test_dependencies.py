@@ -113,7 +113,7 @@ def test_a_change_in_what_a_kernel_reaches_is_noticed_also_by_another_process(tm
         assert touched <= changed and "untouched" not in changed, name
 
 
-def test_arrays_differ_by_shape_kind_and_every_number():
+def test_arrays_and_tables_that_differ_change_what_reads_them():
     tables = [np.zeros(4), np.zeros((2, 2)), np.zeros(4, np.float32), np.array([0.0, 0.0, 0.0, -0.0]), np.array(["a", 1], object)]
 
     def with_table(table):
@@ -124,8 +124,6 @@ def test_arrays_differ_by_shape_kind_and_every_number():
 
     assert len({sources([with_table(table)]) for table in tables}) == len(tables)
 
-
-def test_a_table_that_moves_a_column_changes_what_reads_it():
     def with_table(table):
         def kernel(x):
             return x[table.WORN]

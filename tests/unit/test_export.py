@@ -70,7 +70,7 @@ def numbers(rows: list[dict[str, str]], heading: str) -> list[float]:
     return [float(row[heading]) for row in rows]
 
 
-def test_csv_has_every_digit_and_its_units(path, tmp_path, monkeypatch):
+def test_csv_has_every_digit_and_its_units_also_of_one_frame(path, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)  # which it does not need
     written = export(path, csv=tmp_path / "csv")
     assert [file.name for file in written] == ["series.csv", "bodies.csv", "contacts.csv", "transitions.csv"]
@@ -86,16 +86,13 @@ def test_csv_has_every_digit_and_its_units(path, tmp_path, monkeypatch):
     assert [row["frame"] for row in contacts] == ["1"] * 4 + ["3"] * 3
     assert numbers(contacts, "normal_force [N]") == [v for frame in frames for v in frame.contacts["normal_force"]]
     assert [row["side_name"] for row in contacts[:3]] == ["lower", "upper", "debris"]
-
-
-def test_csv_of_one_frame_also_without_contacts(path, tmp_path):
-    export(path, csv=tmp_path / "csv", frame=-2)
-    assert [row["frame"] for row in rows_of(tmp_path / "csv" / "bodies.csv")] == ["2"] * 3
-    assert (tmp_path / "csv" / "contacts.csv").read_text().startswith("frame,time [s],side,side_name,position_x [m]")
-    assert rows_of(tmp_path / "csv" / "contacts.csv") == []
+    export(path, csv=tmp_path / "one", frame=-2)
+    assert [row["frame"] for row in rows_of(tmp_path / "one" / "bodies.csv")] == ["2"] * 3
+    assert (tmp_path / "one" / "contacts.csv").read_text().startswith("frame,time [s],side,side_name,position_x [m]")
+    assert rows_of(tmp_path / "one" / "contacts.csv") == []
     export(path, csv=tmp_path / "first", frame=0)
     assert {row["frame"] for row in rows_of(tmp_path / "first" / "bodies.csv")} == {"0"}
-    assert len(rows_of(tmp_path / "csv" / "series.csv")) == 4
+    assert len(rows_of(tmp_path / "one" / "series.csv")) == 4
 
 
 def test_transitions_report_what_changed(path, tmp_path):

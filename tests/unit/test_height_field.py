@@ -148,15 +148,12 @@ def test_curvature_of_a_crest_and_of_a_valley():
         assert r_eff == pytest.approx(RADIUS / math.sqrt(1.0 + sign * k * RADIUS), rel=1e-4)  # (2 pi/64)^2/12
 
 
-def test_a_field_of_zeros_is_exactly_a_plane():
+def test_a_field_of_zeros_is_exactly_a_plane_and_a_shift_by_a_period_changes_no_bit():
     field = height_field.pack_field(np.zeros((5, 7)), 3e-6, 4e-6)
     for x, y, z in np.random.default_rng(4).uniform(-1e-5, 1e-5, (20, 3)):
         foot, r_eff, _, gradient, turning = foot_of(field, (x, y, z), 1.3e-6, -1.9e-6)
         assert (foot.x, foot.y, foot.distance, *foot.normal, r_eff) == (0.0, 0.0, z, 0.0, 0.0, 1.0, RADIUS)
         assert not any(gradient) and not any(turning) and not np.signbit(foot.normal).any()
-
-
-def test_a_shift_by_a_period_changes_no_bit():
     period = 2.0**-16
     field = height_field.pack_field(ndimage.spline_filter(self_affine(3), 3, mode="grid-wrap"), period, period)
     centre = np.array((3.0, 5.0, 0.0)) * 2.0**-18 + (0.0, 0.0, 1.2e-6)

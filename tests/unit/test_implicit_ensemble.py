@@ -72,15 +72,12 @@ def assert_same(one, other):
             np.testing.assert_array_equal(getattr(first, block)[name], values, err_msg=f"{block} {name}")
 
 
-def test_same_bits_as_with_all_rows(small_batches, monkeypatch):
+def test_a_run_and_its_snapshot_have_the_bits_of_one_with_all_rows(small_batches, monkeypatch):
     batched, whole = built(), with_all_rows(monkeypatch)
     assert isinstance(batched.state.slots.rows, ClosedRows) and isinstance(whole.state.slots.rows, AllRows)
     assert batched.state.sphere_table is None
     for stop in STOPS:
         assert_same(advanced(batched, (stop,)), advanced(whole, (stop,)))
-
-
-def test_snapshot_goes_on_with_the_same_bits(small_batches):
     straight, stopped, later = built(), built(), built()
     advanced(stopped, STOPS[:1])
     saved = snapshot(stopped.state, stopped.integrator, Ledger(stopped.state))

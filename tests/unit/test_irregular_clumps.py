@@ -23,16 +23,13 @@ from thirdbody.scene.model import Scene
 SIZE = {"distribution": "lognormal", "median": 1e-5, "sigma": 0.2, "min": 5e-6, "max": 2e-5}
 
 
-def test_population_is_the_same_for_the_same_seed_whatever_the_count():
+def test_a_population_follows_its_seed_and_copies_have_sizes_of_their_own():
     few = population(1, 0, 3, (4, 6), [1, 0.8, 0.6], **SIZE)
     for a, b in zip(few, population(1, 0, 5, (4, 6), [1, 0.8, 0.6], **SIZE), strict=False):
         assert np.array_equal(a.centers, b.centers) and np.array_equal(a.radii, b.radii)
     for seed, index in [(2, 0), (1, 1)]:
         other = population(seed, index, 1, (4, 6), [1, 0.8, 0.6], **SIZE)[0]
         assert not np.array_equal(other.radii, few[0].radii)
-
-
-def test_copies_have_the_shapes_of_the_first_bodies_and_sizes_of_their_own():
     different = population(1, 0, 4, (4, 6), [1, 0.8, 0.6], **SIZE)
     shared = population(1, 0, 40, (4, 6), [1, 0.8, 0.6], shapes=4, **SIZE)
     for a, b in zip(different, shared[:4], strict=True):
@@ -84,7 +81,7 @@ def test_aspect_shows():
     assert flake[1] > 0.75 and flake[2] < 0.45 and rod[1] < 0.5 and rod[2] < 0.5
 
 
-def test_cut_lognormal_has_the_moments_of_theory():
+def test_cut_lognormal_normal_uniform_and_constant_have_the_moments_of_theory():
     count, sigma, low, high = 20_000, 0.5, 0.6, 1.8
     drawn = diameters([np.random.default_rng(1)] * count, "lognormal", median=1.0, sigma=sigma, min=low, max=high)
     phi = NormalDist().cdf
@@ -96,9 +93,6 @@ def test_cut_lognormal_has_the_moments_of_theory():
     assert drawn.std() == pytest.approx(spread, rel=0.03)  # four sigma of a standard deviation is 0.02
     # Cut, not clipped: nothing piles up at the limits.
     assert low < drawn.min() and drawn.max() < high and len(np.unique(drawn)) == count
-
-
-def test_normal_uniform_constant():
     count = 20_000
     rngs = [np.random.default_rng(2)] * count
     normal = diameters(rngs, "normal", mean=10.0, sigma=2.0)

@@ -74,7 +74,7 @@ def test_wear_by_both_laws_and_its_units():
         parse("1 Pa", "wear_coefficient")
 
 
-def test_where_numbers_are_kept():
+def test_where_numbers_are_kept_and_which_amounts_make_sense():
     layout = layout_of([MEASURES["flash_temperature"], MEASURES["wear"]])
     names = [column.name for column in layout.bodies]
     assert names == [
@@ -87,9 +87,6 @@ def test_where_numbers_are_kept():
     assert [entry.name for entry in layout.maps] == ["wear_depth", "friction_work_density"]
     with pytest.raises(ValueError, match="worn_volume"):
         layout_of([MEASURES["wear"], MEASURES["wear"]])
-
-
-def test_amounts_that_make_no_sense_are_refused_and_others_have_a_line_each():
     for wrong in ({"kind": "median"}, {"kind": "mean", "of_plate": True}, {"map": ("depth", "m")}):
         with pytest.raises(ValueError, match="amount 'depth'"):
             Amount("depth", "m", "", **wrong)
@@ -106,7 +103,7 @@ def rows_of(points, radii, amounts, plate=0):
     return np.column_stack([np.arange(n), np.full(n, plate), points, radii, amounts])
 
 
-def test_deposits_add_up_and_wrap():
+def test_deposits_add_up_wrap_and_are_spread_like_hertz_pressure():
     """A deposit is split into parts that add up to it: to rounding of the parts, some hundred cells."""
     random = np.random.default_rng(3)
     size, maps = np.array([40e-6, 30e-6]), np.zeros((2, 2, 30, 40))
@@ -120,9 +117,6 @@ def test_deposits_add_up_and_wrap():
     deposit(rows_of(points + size, radii, amounts), again, size)  # one period further: the same cells, but for edges
     assert again == pytest.approx(maps, rel=1e-6, abs=1e-9 * maps.max())
     assert AMOUNTS == rows_of(points, radii, amounts).shape[1] - 2
-
-
-def test_small_contacts_lie_in_the_cell_of_their_centre_and_large_ones_are_spread_like_hertz_pressure():
     maps = np.zeros((1, 2, 30, 40))
     deposit(rows_of(np.array([[12.2e-6, 7.9e-6]]), np.array([0.1e-6]), np.array([[5.0]]), 1), maps, np.array([40e-6, 30e-6]))
     assert maps[0, 1, 7, 12] == 5.0 and np.count_nonzero(maps) == 1

@@ -67,7 +67,7 @@ def saved(path, content):
     return path
 
 
-def test_box_is_exact():
+def test_a_box_is_exact_and_an_ellipsoid_converges_to_the_closed_form():
     vertices, faces = box()
     mass = mass_properties(checked_mesh(vertices + (7.0, -2.0, 4.0), faces, "box"))
     assert mass.volume == pytest.approx(6.0, rel=1e-14)  # polynomials of small numbers: rounding only
@@ -75,9 +75,6 @@ def test_box_is_exact():
     assert mass.inertia == pytest.approx([6.0 * s / 12.0 for s in (5.0, 10.0, 13.0)], rel=1e-14)
     assert np.linalg.det(mass.axes) == pytest.approx(1.0, rel=1e-14)
     assert 0.0 < mass.error < 1e-12
-
-
-def test_ellipsoid_converges_to_the_closed_form():
     a, b, c = ELLIPSOID
     volume = 4.0 / 3.0 * math.pi * a * b * c
     inertia = 0.2 * volume * np.array([b * b + c * c, a * a + c * c, a * a + b * b])
@@ -112,12 +109,9 @@ def test_spheres_follow_the_surface(shape, n, bound):
     assert fit.volume_ratio == pytest.approx(1.0, abs=4.0 * bound)
 
 
-def test_more_spheres_fit_better():
+def test_more_spheres_fit_better_and_a_ball_needs_no_more_than_itself():
     rms = [clump_from_mesh(ellipsoid(FLAKE), n)[1].rms for n in (4, 10)]
     assert rms[1] < 0.6 * rms[0]
-
-
-def test_a_ball_needs_no_more_than_itself():
     _, fit = clump_from_mesh(ellipsoid((1.0, 1.0, 1.0)), 4)
     # The facets fall short of the sphere by up to an eighth of their squared edge (0.15).
     assert fit.maximum < 0.01
@@ -276,7 +270,7 @@ def volumes_of(scene, warnings=None):
     return [body.volume for body in shapes_of(scene, 0, [] if warnings is None else warnings)]
 
 
-def test_bodies_weigh_what_the_mesh_weighs(scene_of, stone):
+def test_bodies_weigh_what_the_mesh_weighs_and_sizes_rescale_each(scene_of, stone, tmp_path):
     built = build(scene_of(count=5))
     # STL holds single precision
     assert built.state.bodies.mass == pytest.approx(7850.0 * stone.volume * 1e-18, rel=1e-6, abs=0.0)
@@ -284,9 +278,6 @@ def test_bodies_weigh_what_the_mesh_weighs(scene_of, stone):
     assert built.state.bodies.inertia[0] == pytest.approx(moments, rel=1e-5, abs=0.0)
     assert built.state.n_spheres == 20
     assert any("4 spheres follow the mesh to" in warning for warning in built.warnings)
-
-
-def test_sizes_rescale_each_body_whichever_mesh_it_has(scene_of, tmp_path, stone):
     diameter = np.cbrt(6.0 * build(scene_of(more=SIZE, count=5)).state.bodies.mass / 7850.0 / np.pi)
     assert np.all((diameter >= 6e-6) & (diameter <= 12e-6)) and len(np.unique(diameter)) == 5
     rocks(tmp_path / "scans", "a.stl", "b.stl")

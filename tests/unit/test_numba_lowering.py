@@ -42,14 +42,12 @@ def written(table):
     return total, table.sum()
 
 
-def test_tables_are_read_and_written_as_numba_does():
+def test_tables_are_used_as_numba_does_and_functions_of_plugins_count_from_the_end():
     table = np.random.default_rng(3).normal(size=(7, 4))
     mine, other = table.copy(), table.copy()
     assert ours(written)(mine) == njit(error_model="numpy")(written)(other)
     assert np.array_equal(mine, other)
 
-
-def test_functions_of_plugins_count_from_the_end():
     def backwards(table):
         total = 0.0
         for i in range(table.shape[0]):

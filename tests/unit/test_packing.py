@@ -68,13 +68,10 @@ def test_a_bed_has_no_overlap_and_the_fraction_it_says(bodies, periodic, fractio
     assert inside.mean() == pytest.approx(bed.solid_fraction, abs=0.014)
 
 
-def test_beds_are_reproducible(bodies):
+def test_beds_are_reproducible_and_one_that_jams_reports_how_far_it_came(bodies):
     first, same, other = (pack(bodies, 0.4, SIZE, True, np.random.default_rng(s)) for s in (1, 1, 2))
     assert np.array_equal(first.positions, same.positions) and np.array_equal(first.quaternions, same.quaternions)
     assert not np.array_equal(first.positions, other.positions)
-
-
-def test_a_bed_that_jams_reports_how_far_it_came():
     # Balls of one size, flat floor and top: random close packing ends at 0.64 (O'Hern et al. 2003), less beside a plate.
     balls = [clump([[0, 0, 0]], [0.5])] * 40
     with pytest.raises(InputError, match=r"jam: a solid fraction of about 0\.[45]\d* is reached, 0\.700 wanted") as caught:

@@ -176,16 +176,13 @@ def rolled(tmp_path_factory):
         yield run
 
 
-def test_a_run_records_profiles(rolled):
+def test_a_run_records_profiles_of_balls_that_reach_the_velocities_of_the_plates(rolled):
     found, frames = rolled.profiles, rolled.frames
     assert found["velocity"].shape == (frames, 8, 3) and found["contact_stress"].shape == (frames, 8, 3, 3)
     assert rolled.units["contact_stress"] == "Pa" and rolled.header["profiles"] == {"bins": 8, "axis": "z"}
     assert sum(found[f"fraction_{name}"] for name in rolled.state_names) == pytest.approx(1.0)
     assert found["position"][-1, -1] == pytest.approx(rolled.series["gap"][-1] * 7.5 / 8.0, rel=1e-3)
-
-
-def test_rolling_balls_carry_the_force_and_reach_the_velocities_of_the_plates(rolled):
-    """A ball that rolls without slip is at rest below and as fast as the plate above, a straight line between."""
+    # a ball that rolls without slip is at rest below and as fast as the plate above, a straight line between
     series, late = rolled.series, np.flatnonzero(rolled.series["distance"] > 1e-6)
     stress = (rolled.profiles["contact_stress"] + rolled.profiles["kinetic_stress"]) * np.prod(rolled.header["domain"]["size"])
     assert stress[late, :, 2, 2] == pytest.approx(np.tile(series["upper_force"][late, 2, None], 8), rel=0.01)
@@ -253,7 +250,7 @@ def finished(means, state, times, end=END):
     return means.finish()["value"]
 
 
-def test_means_are_those_of_the_trapezoidal_rule():
+def test_means_are_those_of_the_trapezoidal_rule_and_an_interval_begins_anew():
     line = finished(*means_of(lambda t: 3.0 + 2.0 * t), np.sort(np.random.default_rng(1).uniform(0.0, END, 500)))
     assert line == pytest.approx([3.0 + END, 1.0], rel=1e-13)  # rounding of some thirty sums
     parabola = finished(*means_of(lambda t: t**2), np.linspace(0.0, END, 1001)[1:-1])
@@ -263,9 +260,6 @@ def test_means_are_those_of_the_trapezoidal_rule():
     corner = finished(*means_of(lambda t: abs(t - 1.0), np.inf), np.linspace(0.0, END, 2001)[1:-1])
     assert corner[0] == pytest.approx(0.5, rel=1e-12)
     assert means_of(lambda t: 7.0)[0].finish()["value"].tolist() == [7.0, 1.0]  # without time the present value
-
-
-def test_an_interval_begins_anew():
     means, state = means_of(lambda t: t)
     for start, end in ((0.0, 2.0), (2.0, 3.0)):
         mean = finished(means, state, np.linspace(start, end, 100)[1:-1], end)
@@ -327,7 +321,7 @@ def flow(along, angle=0.3):
     return along[:, None] * [math.cos(angle), math.sin(angle), 0.0] + [0.4, -0.1, 0.05]
 
 
-def test_plane_couette_flow_is_exact():
+def test_plane_couette_flow_is_exact_and_a_band_found_where_it_is():
     (z, mass), rate = bed_of_points(), SPEED / HEIGHT
     low, high = (np.average(z[end], weights=mass[end]) for end in (z <= z[0] + DIAMETER, z >= z[-1] - DIAMETER))
     edges = [low + fraction * (high - low) for fraction in (EDGE, 1.0 - EDGE)]
@@ -335,9 +329,6 @@ def test_plane_couette_flow_is_exact():
         zone = shear_zone(z, flow(rate * z, angle), mass, DIAMETER)
         assert zone.rate == pytest.approx(rate, rel=1e-11)  # rounding of differences of velocities
         assert [zone.bottom, zone.top] == pytest.approx(edges, rel=1e-11)
-
-
-def test_a_band_is_found_where_it_is():
     z, mass = bed_of_points(5000)
     bottom, top = 30e-6, 60e-6
     zone = shear_zone(z, flow(SPEED * np.clip((z - bottom) / (top - bottom), 0.0, 1.0)), mass, DIAMETER)

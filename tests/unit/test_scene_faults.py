@@ -222,14 +222,11 @@ TAIL = """
 BALL = '[[debris]]\nkind = "spheres"\nmaterial = "steel"\nradius = "1 um"\ncount = 1\n'
 
 
-def test_an_npz_of_too_many_spheres_is_refused(tmp_path):
+def test_tables_of_too_many_rows_are_refused_before_they_are_split(tmp_path):
     n = 1_000_001
     np.savez_compressed(tmp_path / "b.npz", center=np.zeros((n, 3)), radius=np.zeros(n), clump=np.zeros(n, int))
     with pytest.raises(InputError, match="center: has 1000001 rows, at most 1000000 spheres are read from one file"):
         load_bodies(tmp_path / "b.npz")
-
-
-def test_tables_of_too_many_rows_are_refused_before_they_are_split(tmp_path):
     (tmp_path / "b.csv").write_bytes(b"clump,x [um],y [um],z [um],radius [um]\n" + b"1,1,1,1,1\n" * 1_000_001)
     with pytest.raises(InputError, match="b.csv: has 1000001 rows, at most 1000000 spheres are read from one file"):
         load_bodies(tmp_path / "b.csv")

@@ -251,16 +251,13 @@ def test_every_pair_is_found_once_and_in_order(periodic):
             assert np.array_equal(pairs, expected(S, of, box, periodic)) and len(pairs) > 10
 
 
-def test_one_cell_is_enough_and_spheres_beyond_the_grid_are_found_in_its_outermost_cells():
+def test_one_cell_is_enough_outer_cells_hold_the_rest_and_too_little_space_is_reported():
     S, of = spheres(9, (1.0, 1.0, 1.0), 1)
     assert np.array_equal(gaps_found(S, of, (1.0, 1.0, 1.0), (False, False), 100), expected(S, of, (1.0,) * 3, (False, False)))
     box = (4.0, 4.0, 4.0)
     S, of = spheres(80, box, 2)
     S[:, : sphere.RADIUS] = 1.3 * S[:, : sphere.RADIUS] - 0.6
     assert np.array_equal(gaps_found(S, of, box, (False, False), 4000), expected(S, of, box, (False, False)))
-
-
-def test_too_little_space_is_reported_and_no_spheres_have_no_pairs():
     box = (4.0, 4.0, 4.0)
     S, of = spheres(80, box, 3)
     for room in (3, 4, 20):
