@@ -9,7 +9,6 @@ from collections import namedtuple
 from pathlib import Path
 
 import numpy as np
-
 import thirdbody
 from thirdbody.palette import INK, LINE_COLORS
 

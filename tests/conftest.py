@@ -12,7 +12,6 @@ import pytest
 import trimesh
 from hypothesis import HealthCheck, settings
 from shared_runs import SHARED
-
 import thirdbody
 
 APPROX = pytest.approx

@@ -19,7 +19,6 @@ import load_sharing
 import shape_map
 from pages import ROOT
 from PIL import Image, PngImagePlugin
-
 import thirdbody
 from thirdbody.units import GLUE, MINUS, percent, quantity_text, with_error
 

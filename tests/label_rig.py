@@ -6,7 +6,6 @@ import math
 import numpy as np
 from theory.plain import plain
 from thirdbody_three_spot import classify as c
-
 from thirdbody import plugin as k
 from thirdbody.plugin import loaded_contact as spot_row
 from thirdbody.plugin import observed_body as body_row

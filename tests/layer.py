@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from thirdbody.errors import MissingLibrary
 from thirdbody.palette import STATE_COLORS, rgb
 from thirdbody.render import elsewhere

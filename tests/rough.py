@@ -4,7 +4,6 @@ from contextlib import contextmanager
 from unittest.mock import patch
 
 import numpy as np
-
 from thirdbody.assembly import simulation
 from thirdbody.surfaces.surface import Surface
 

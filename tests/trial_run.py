@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from thirdbody.trajectory.names import BLOCKS, Frame
 from thirdbody.trajectory.writer import TrajectoryWriter
 

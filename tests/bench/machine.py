@@ -3,7 +3,6 @@
 from typing import Any
 
 from rich.console import Console
-
 from thirdbody.jit import cache
 from thirdbody.studies import timing as studies
 

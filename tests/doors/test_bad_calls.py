@@ -4,7 +4,6 @@ import os
 
 import pytest
 from balls import BALLS
-
 import thirdbody
 
 LONG, DEEP, HUGE = "x" * 300, "x/" * 3000, "9" * 20

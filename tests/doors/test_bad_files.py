@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import trimesh
 from balls import edited
-
 from thirdbody import input_files
 
 GOOD = "clump,x [um],y [um],z [um],radius [um]\n0,10,10,5,5\n0,14,10,4,4\n7,40,30,5,5\n7,40,35,4,4\n"

@@ -7,7 +7,6 @@ import zipfile
 import numpy as np
 import pytest
 from balls import BALLS, edited
-
 from thirdbody import input_files
 from thirdbody.assembly.surfaces import plate_surfaces
 from thirdbody.errors import InputError
@@ -229,7 +228,6 @@ def test_npz_units_of_heights_and_spacing_may_differ(tmp_path):
 def test_the_readers_agree_with_surface_topography(tmp_path):
     topography = pytest.importorskip("SurfaceTopography")
     from SurfaceTopography.IO.X3P import write_x3p
-
     from thirdbody.surfaces.reading import read_any_scan
 
     theirs = topography.Topography(HEIGHTS.T * 1e6, (N_X * 1.0, N_Y * 2.0), unit="um")

@@ -13,7 +13,6 @@ from pathlib import Path
 
 import pytest
 from portable import PATIENCE
-
 import thirdbody
 from thirdbody.cli import main, starter_files
 from thirdbody.cli.command_group import REMOVED_COMMANDS, REMOVED_OPTIONS

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-
 from thirdbody.laws.compose import ordered
 from thirdbody.laws.conformance import bench, suite
 from thirdbody.laws.conformance.suite import Finding, check, report

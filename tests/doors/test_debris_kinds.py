@@ -11,7 +11,6 @@ import jsonschema
 import numpy as np
 import pytest
 from steel import scene_text
-
 import thirdbody
 from thirdbody.debris import registry as kinds_registry
 from thirdbody.debris.registry import GROUP, built_in

@@ -12,7 +12,6 @@ from each import each
 from pages import ROOT
 from pydantic import TypeAdapter
 from thirdbody_three_spot.classify import REASONS
-
 import thirdbody
 from thirdbody import errors, plugin
 from thirdbody.engine.accuracy import Accuracy

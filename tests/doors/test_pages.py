@@ -16,7 +16,6 @@ from gallery import ENTRIES, RESULTS, SCENES, WIDTH, digest, header, picture
 from generated_parts import PART, PARTS, regenerated
 from pages import LANGUAGES, ROOT, Page, pages
 from PIL import Image
-
 from thirdbody.assembly.physics import law_faults
 from thirdbody.errors import InputError
 from thirdbody.laws.registry import discover

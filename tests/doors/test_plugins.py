@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from steel import scene_text
-
 import thirdbody
 from thirdbody.cli import command_group
 from thirdbody.errors import UsageError

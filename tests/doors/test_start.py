@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from balls import BALLS, edited
 from portable import PATIENCE
-
 import thirdbody
 from thirdbody.assembly.simulation import build
 from thirdbody.engine import units

@@ -17,7 +17,6 @@ import h5py
 import numpy as np
 import pytest
 from portable import PATIENCE
-
 import thirdbody
 from thirdbody.errors import OutputError, printable
 from thirdbody.system.terminal import PrintableStream, printable_output

@@ -6,7 +6,6 @@ import numpy as np
 from hard.between_plates import LUMP, tumble
 from hard.trial import BOX, LOAD, MICRON, SPEED, TRIPOD, CaseRun, Trial, clump, every, on_plane, pressed, scene
 from theory.builders import STEEL, ball
-
 from thirdbody.kernels.tables import body, record
 from thirdbody.laws.hertz import FIRST_YIELD, yield_speed
 from thirdbody.scene.model import Effects, Material, Motion, Pause, UpperPlate

@@ -8,7 +8,6 @@ from hard.between_plates import particle
 from hard.trial import TRIPOD, CaseRun, Trial, clump, drag, every, on_plane, pressed, scene
 from theory.builders import LONG, STEEL, advance, ball, contact, momenta, solid
 from theory.builders import scene as plain_scene
-
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.state import angular_momentum, orientations
 from thirdbody.errors import GuardStop

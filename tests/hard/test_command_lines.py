@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 from balls import BALLS
 from hard import command_lines as played
-
 import thirdbody
 
 HERE = Path(__file__).parent

@@ -9,7 +9,6 @@ import three_spot_theory as theory
 from each import each
 from hard.free_bodies import turned_pair
 from theory import builders as make
-
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.guards import Ledger
 from thirdbody.errors import InputError

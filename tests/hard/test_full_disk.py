@@ -15,7 +15,6 @@ import pytest
 from slow import slow
 from steel import SCENES
 from trajectories import contents
-
 import thirdbody
 from thirdbody.errors import Interrupted, OutputError
 from thirdbody.runner import checkpoint

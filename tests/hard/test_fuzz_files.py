@@ -20,7 +20,6 @@ from balls import PLATES, edited
 from hard import file_mutants as M
 from portable import PATIENCE
 from steel import STEEL
-
 import thirdbody
 from thirdbody.errors import Interrupted
 from thirdbody.runner.simulate import execute, prepare

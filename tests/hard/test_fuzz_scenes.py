@@ -14,7 +14,6 @@ from typing import Any
 
 import pytest
 from hard import mutants as M
-
 from thirdbody.errors import InputError
 from thirdbody.runner.simulate import default_folder, prepare
 from thirdbody.scene.model import Scene

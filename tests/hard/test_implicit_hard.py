@@ -8,7 +8,6 @@ from hard.between_plates import HEIGHT, SPAN, particle
 from hard.trial import TRIPOD
 from slow import slow
 from theory import builders as make
-
 from thirdbody.engine.guards import Ledger
 from thirdbody.kernels.tables import run_totals
 from thirdbody.scene.model import ConstantVelocity, Effects, Motion, Pause, Ramp, Stroke

@@ -18,7 +18,6 @@ from hard.killed_run import go_on
 from portable import PATIENCE
 from steel import SCENES
 from trajectories import contents
-
 import thirdbody
 from thirdbody.errors import InputError
 from thirdbody.runner.checkpoint import FILE, read_checkpoint

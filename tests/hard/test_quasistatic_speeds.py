@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 from steel import SCENES
-
 import thirdbody
 from thirdbody.errors import GuardStop, InputError
 from thirdbody.runner.simulate import prepare

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import pytest
 from trajectories import contents
-
 import thirdbody
 from thirdbody.errors import GuardStop, InputError, Interrupted
 from thirdbody.runner.run_loop import WallTimes

@@ -17,7 +17,6 @@ from portable import PATIENCE, processor_seconds
 from slow import slow
 from steel import SCENES
 from trajectories import contents
-
 import thirdbody
 from thirdbody.engine import implicit
 from thirdbody.errors import Interrupted

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from thirdbody_three_spot.balance import balance
-
 import thirdbody
 from thirdbody.bodies.irregular_clumps import irregular
 from thirdbody.bodies.resting_poses import settle_all

@@ -6,7 +6,6 @@ from dataclasses import make_dataclass
 
 import numpy as np
 from scalar_bodies import EFFECT_FORCE, EFFECT_TORQUE, added, cross, dot, quaternion, rotated, three
-
 from thirdbody.kernels.plates import BASINS
 from thirdbody.kernels.rolling_kinematics import record_width
 from thirdbody.kernels.tables import (

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from scalar_bodies import INERTIA
-
 from thirdbody.kernels.tables import body, contact_state
 from thirdbody.laws.data import Body, Load, Wrench
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import peers_scenes
-
 from thirdbody.assembly.simulation import build
 from thirdbody.kernels.tables import run_totals
 from thirdbody.scene.model import Scene

@@ -18,7 +18,6 @@ import scalar_laws
 import scalar_step
 import small_scenes
 from scalar_step import Reference
-
 from thirdbody.engine import explicit
 from thirdbody.engine.neighbours import search
 from thirdbody.jit import threads as jit_threads

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from slow import slow
-
 from thirdbody.assembly.physics import compile_physics
 from thirdbody.bodies.clump import Clump
 from thirdbody.engine.explicit import Explicit

@@ -7,7 +7,6 @@ import pytest
 from shared_runs import PLATES
 from slow import slow
 from steel import SCENES, STEEL
-
 import thirdbody
 from thirdbody.trajectory.names import ACCOMMODATION, BED
 

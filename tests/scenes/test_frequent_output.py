@@ -8,7 +8,6 @@ import pytest
 from balls import BALLS, edited
 from slow import slow
 from trajectories import contents
-
 import thirdbody
 from thirdbody.engine import explicit
 from thirdbody.errors import Interrupted

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from balls import edited
 from steel import SCENES, STEEL
-
 import thirdbody
 from thirdbody.errors import InputError
 from thirdbody.runner.simulate import prepare

@@ -15,7 +15,6 @@ from PIL import Image
 from slow import slow
 from steel import HOT_STEEL, STEEL
 from trajectories import contents
-
 import thirdbody
 from thirdbody.errors import InputError, Interrupted
 from thirdbody.export.tables import export_run

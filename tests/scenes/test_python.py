@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 import thirdbody
 from thirdbody.errors import Fault, InputError, Interrupted, OutputError, ThirdbodyWarning, UsageError
 from thirdbody.jit import cache

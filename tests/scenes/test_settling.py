@@ -5,7 +5,6 @@ from balls import BALLS, edited
 from gallery import SCENES
 from slow import slow
 from steel import HOT_STEEL, STEEL
-
 import thirdbody
 from thirdbody.kernels.tables import UPPER
 from thirdbody.runner.simulate import prepare

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from steel import SCENES
-
 import thirdbody
 from thirdbody.trajectory.names import ACCOMMODATION
 

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 from slow import slow
-
 import thirdbody
 
 GRIP, SLIP, PITCH = 0.5, 0.1, 80.0

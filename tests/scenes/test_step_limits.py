@@ -7,7 +7,6 @@ from balls import edited
 from shared_runs import PLATES
 from slow import slow
 from steel import STEEL
-
 import thirdbody
 from thirdbody.kernels.implicit.control import CAUSES, WORDS
 

@@ -9,7 +9,6 @@ from concurrent.futures import Future, ThreadPoolExecutor
 
 import pytest
 from balls import BALLS
-
 import thirdbody
 from thirdbody import atomic_files
 from thirdbody.errors import InputError, Interrupted, OutputError, UsageError

@@ -14,7 +14,6 @@ pytest.importorskip("SALib")
 from each import each
 from pages import ROOT
 from tutorials import NOTEBOOKS, PNG, executed
-
 import thirdbody
 
 KILOBYTES = 150

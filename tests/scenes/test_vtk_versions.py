@@ -15,7 +15,6 @@ import pytest
 from portable import PATIENCE
 from steel import SCENES
 from trial_run import write_frames
-
 import thirdbody
 from thirdbody.api import Run
 from thirdbody.export.paraview import write_sidecars

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-
 from thirdbody.assembly.simulation import Simulation, build
 from thirdbody.kernels.tables import body, body_extra, record, run_totals
 from thirdbody.scene import model

@@ -7,7 +7,6 @@ import pytest
 from each import each
 from scipy.integrate import quad
 from scipy.optimize import brentq
-
 from thirdbody.assembly import upper_plate
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.guards import Ledger

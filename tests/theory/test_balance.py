@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import three_spot_theory as theory
 from thirdbody_three_spot.balance import balance
-
 from thirdbody.errors import InputError, UsageError
 
 SOLVED = 1e-10  # Newton's tolerance of 1e-12 of the forces, divided by the share of the smallest force, and some round-off

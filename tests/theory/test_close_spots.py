@@ -13,7 +13,6 @@ from scipy.optimize import brentq
 from slow import slow
 from spot_groups import Loads, closed_path, solved
 from steel import SCENES
-
 import thirdbody
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.guards import Ledger

@@ -12,7 +12,6 @@ from steel import SCENES
 from thirdbody_three_spot import LABELLER
 from thirdbody_three_spot.balance import balance
 from thirdbody_three_spot.forecast import forecast, hull_corners
-
 import thirdbody
 from thirdbody.assembly.simulation import build
 

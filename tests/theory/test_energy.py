@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 import three_spot_theory as theory
 from steel import SCENES, scene_text
-
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.guards import Ledger
 from thirdbody.kernels.tables import run_totals

@@ -9,7 +9,6 @@ import three_spot_theory as theory
 from theory.exact_spot import D0, D1, KAPPA, MU, E, G, R, Spot, circle, corners, run_exact_tangent
 from theory.memory_diagrams import MemoryDiagram
 from thirdbody_three_spot.exact import NODES
-
 from thirdbody.laws.data import Load
 
 SLOW = pytest.mark.full(kind="slow")

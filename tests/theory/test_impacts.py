@@ -11,7 +11,6 @@ import three_spot_theory as theory
 from each import each
 from scipy.integrate import quad
 from thirdbody_effects import elastic_plastic as plastic
-
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.guards import Ledger
 from thirdbody.kernels.tables import body, body_extra

@@ -9,7 +9,6 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components, reverse_cuthill_mckee
 from scipy.spatial import cKDTree
 from slow import slow
-
 from thirdbody.engine.accuracy import MEETING_RADII
 from thirdbody.engine.guards import Ledger
 from thirdbody.engine.islands import STRIDE, _connected

@@ -9,7 +9,6 @@ import pytest
 from numba import types
 from scipy.ndimage import spline_filter
 from theory.plain import plain
-
 from thirdbody.kernels.arguments import Motion
 from thirdbody.kernels.height_field import pack_field
 from thirdbody.kernels.implicit import workspace

@@ -8,7 +8,6 @@ import pytest
 from rough import field, rough_plates
 from slow import slow
 from stories import SCENE, agreement, dragged
-
 import thirdbody
 from thirdbody.assembly import simulation
 from thirdbody.assembly.surfaces import with_surfaces

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from each import each
 from scipy.spatial.transform import Rotation
-
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.state import angular_momentum, orientations
 from thirdbody.kernels.explicit.critical_time_step import stable_step

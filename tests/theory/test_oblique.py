@@ -14,7 +14,6 @@ import pytest
 import three_spot_theory as theory
 from slow import slow
 from thirdbody_three_spot import THREE_SPOT
-
 from thirdbody.scene.model import Contact
 
 DATA = Path(__file__).with_name("data")

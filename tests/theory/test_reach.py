@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.guards import Ledger
 from thirdbody.errors import InputError

@@ -10,7 +10,6 @@ from each import each
 from theory.plain import plain
 from theory.spots import Spot
 from thirdbody_three_spot import exact, mdr
-
 from thirdbody.assembly.option_values import option_value
 from thirdbody.laws.contract import Material, Pair
 from thirdbody.laws.friction import COULOMB, MINDLIN

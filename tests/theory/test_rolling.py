@@ -10,7 +10,6 @@ import three_spot_theory as theory
 from pages import ROOT
 from shape_map import boundary, closed_form, read_map
 from slow import slow
-
 import thirdbody
 from thirdbody.assembly.simulation import build
 from thirdbody.debris.spheroid import corrugation

@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 import three_spot_theory as theory
-
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.explicit import bound
 from thirdbody.engine.guards import Ledger

@@ -10,7 +10,6 @@ import pytest
 from rough import field, rough_plates
 from scipy.interpolate import make_interp_spline
 from scipy.optimize import brentq
-
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.neighbours import search
 from thirdbody.engine.state import refresh_spheres

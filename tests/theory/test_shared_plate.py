@@ -7,7 +7,6 @@ import pytest
 import three_spot_theory as theory
 from scipy.optimize import brentq
 from slow import slow
-
 from thirdbody.engine.guards import Ledger
 from thirdbody.errors import GuardStop
 from thirdbody.kernels.arguments import Motion

@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 from rough import field, rough_plates
-
 from thirdbody.engine.guards import Ledger
 from thirdbody.scene.model import ConstantVelocity, Motion
 

@@ -11,7 +11,6 @@ from each import each
 from theory.plain import plain
 from theory.spots import Spot
 from thirdbody_three_spot.mdr import MDR, SpringParameters
-
 from thirdbody.laws.data import Load
 
 E_STAR, G_STAR, RADIUS, MU = 1.0, 0.8, 1.0, 0.3

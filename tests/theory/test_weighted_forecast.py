@@ -10,7 +10,6 @@ from each import each
 from slow import slow
 from theory.plain import plain
 from thirdbody_three_spot import classify, support
-
 from thirdbody import plugin as k
 
 EDGES = 64  # as ours, but with the edges elsewhere: each pyramid is within PYRAMID of its cone

@@ -15,7 +15,6 @@ from thirdbody_three_spot.balance_command import balance_command, plot, table
 from thirdbody_three_spot.balance_file import BalanceFile
 from thirdbody_three_spot.regime_map import COLORS, MapPoint, draw_map
 from three_spot_theory import regime
-
 import thirdbody
 from thirdbody.errors import InputError, OutputError, UsageError
 from thirdbody.palette import STATE_COLORS

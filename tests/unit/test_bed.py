@@ -14,7 +14,6 @@ from balls import BALLS, edited
 from each import each
 from layer import write_layer
 from steel import scene_text
-
 import thirdbody
 from thirdbody.assembly.simulation import build
 from thirdbody.bodies.clump import clump

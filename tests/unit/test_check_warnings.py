@@ -13,7 +13,6 @@ import pytest
 from balls import edited
 from each import each
 from steel import SCENES, scene_text
-
 from thirdbody.api import run
 from thirdbody.assembly.cautions import adhesion_warnings, expected_heat, expected_wear, neighbours
 from thirdbody.assembly.plate_load import refuse_crushing, times

@@ -7,7 +7,6 @@ import pytest
 from each import each
 from label_rig import DT, LABEL_WITH_EFFECTS, S_C, STILL, A, Rig, Spot, View
 from thirdbody_three_spot import classify as c
-
 from thirdbody import plugin as k
 
 BELOW, ABOVE, BOTH = 1, 2, 3  # sliding_side

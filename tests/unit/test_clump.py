@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from each import each
 from steel import scene_text
-
 import thirdbody.bodies.clump as module
 from thirdbody.assembly.populate import population_context
 from thirdbody.assembly.simulation import build

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from steel import scene_text
 from thirdbody_three_spot import THREE_SPOT
-
 from thirdbody.scene.model import Scene
 from thirdbody.studies import cost, cost_report
 from thirdbody.studies.cost import Outcome, errors, order, rms_error

@@ -10,7 +10,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from portable import drawn
-
 import thirdbody
 from thirdbody.engine.state import orientations
 from thirdbody.errors import InputError, OutputError, UsageError

@@ -8,7 +8,6 @@ import pytest
 from numba import njit
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
-
 from thirdbody.engine.explicit import DAMPING_FRACTION, _contact_bounds, bound
 from thirdbody.engine.state import STABILITY_FRACTION
 from thirdbody.jit.arguments import address

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 from ensembles import scene
-
 import thirdbody
 from thirdbody.errors import InputError, MissingLibrary, OutputError, UsageError
 from thirdbody.studies import cost_command as command

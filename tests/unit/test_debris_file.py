@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 from steel import scene_text
-
 from thirdbody.assembly.populate import populate, sphere_centres
 from thirdbody.assembly.simulation import build
 from thirdbody.debris.file import File

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from thirdbody.jit.cache import paused
 from thirdbody.kernels.table import Table, number, skip, vector
 from thirdbody.laws.generated import sources

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import pyvista
-
 from thirdbody.api import open_run
 from thirdbody.errors import InputError, OutputError, UsageError
 from thirdbody.export.tables import export_run

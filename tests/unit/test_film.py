@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from layer import R, hue_share, skip_unless_drawable, write_layer
 from PIL import Image
-
 from thirdbody.api import open_run
 from thirdbody.errors import InputError, MissingLibrary
 from thirdbody.palette import STATE_COLORS

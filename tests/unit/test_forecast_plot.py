@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-
 import thirdbody
 from thirdbody.api import open_run
 from thirdbody.kernels.tables import DEBRIS, LOWER, UPPER

@@ -16,7 +16,6 @@ from each import each
 from layer import write_layer
 from slow import slow
 from steel import SCENES
-
 import thirdbody
 from thirdbody.engine.upper_plate import Schedule, Segment
 from thirdbody.export.tables import export_csv

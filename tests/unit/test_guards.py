@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from hard import trial as make
 from hard.trial import Setting, Trial
-
 from thirdbody.api import open_run
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.accuracy import causes, in_words, limited_by, limiting_body

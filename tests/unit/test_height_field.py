@@ -7,7 +7,6 @@ import pytest
 from each import each
 from numba import njit
 from scipy import ndimage
-
 from thirdbody.kernels import closest_point, height_field
 
 # the engine's functions have no wrappers for Python

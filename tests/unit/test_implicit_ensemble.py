@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from numba import njit
 from steel import SCENES
-
 from thirdbody.api import open_run
 from thirdbody.engine import implicit, implicit_ensemble
 from thirdbody.engine.candidates import AllRows, ClosedRows

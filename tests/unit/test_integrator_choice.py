@@ -7,7 +7,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from balls import BALLS, edited
-
 import thirdbody
 from thirdbody.assembly.simulation import build
 from thirdbody.engine import meeting

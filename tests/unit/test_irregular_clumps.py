@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import trimesh
 from steel import scene_text
-
 from thirdbody.bodies import mesh_to_clump
 from thirdbody.bodies.clump import clump
 from thirdbody.bodies.irregular_clumps import diameters, irregular, population

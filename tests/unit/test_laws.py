@@ -5,7 +5,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-
 from thirdbody.kernels.tile import TILE, contact_tangent, law_input, law_output, rolling_input, rolling_output
 from thirdbody.laws import tile_law
 from thirdbody.laws.compose import compose

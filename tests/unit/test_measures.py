@@ -10,7 +10,6 @@ from each import each
 from shared_runs import PLATES, clumps
 from steel import HOT_STEEL
 from steel import STEEL as STEEL_TEXT
-
 import thirdbody
 from thirdbody.assembly.cautions import adhesion_remarks
 from thirdbody.assembly.physics import law_faults

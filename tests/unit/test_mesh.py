@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import trimesh
 from steel import STEEL
-
 from thirdbody.assembly.populate import shapes_of
 from thirdbody.assembly.simulation import build
 from thirdbody.bodies import mesh_fit_quality, mesh_to_clump

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from numba import njit
 from numba.core.runtime import _nrt_python, rtsys
-
 from thirdbody.jit.options import CHUNK, HELPER, OPTIONS
 
 NUMBERS = np.array([3.5, -1.0, 0.0, -0.0, math.nan, math.inf, 7.25, -2.5])

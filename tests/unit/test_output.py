@@ -11,7 +11,6 @@ import pytest
 from ensembles import SCENE
 from thirdbody_three_spot import LABELLER
 from trajectories import whole_and_resumed
-
 import thirdbody
 from thirdbody.errors import InputError
 from thirdbody.plugin import NO_FORECAST

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from each import each
 from steel import scene_text
-
 from thirdbody.assembly.placement import spheres_of
 from thirdbody.assembly.populate import populate
 from thirdbody.bodies.clump import clump

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from steel import STEEL
 from trajectories import contents
-
 import thirdbody
 from thirdbody.assembly import initial_relaxation
 from thirdbody.assembly.initial_relaxation import UNLOADED_OVERLAP

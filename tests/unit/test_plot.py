@@ -7,7 +7,6 @@ from functools import partial
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
-
 from thirdbody.api import open_run
 from thirdbody.errors import InputError, MissingLibrary, OutputError, UsageError
 from thirdbody.palette import STATE_COLORS

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from balls import BALLS, edited
 from matplotlib.figure import Figure
-
 import thirdbody
 from thirdbody.errors import InputError
 from thirdbody.kernels.table import Rows

@@ -13,7 +13,6 @@ from layer import R, hue_share, skip_unless_drawable, write_layer
 from matplotlib.colors import to_hex
 from PIL import Image
 from steel import SCENES
-
 import thirdbody
 from thirdbody.api import open_run
 from thirdbody.errors import InputError, MissingLibrary, OutputError

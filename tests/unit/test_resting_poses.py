@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from ensembles import ROUGH, arrays, scene
 from steel import scene_text
-
 import thirdbody
 from thirdbody.assembly.populate import depth_in_lower, plate_heights, populate, sphere_centres
 from thirdbody.assembly.surfaces import MERGING, NARROW, NOTICED, plate_surfaces, surface_scales

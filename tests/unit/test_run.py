@@ -10,7 +10,6 @@ import h5py
 import numpy as np
 import pytest
 from trial_run import HEADER, STATIC, expected, make_frame, write_frames
-
 from thirdbody.api import open_run
 from thirdbody.errors import InputError
 from thirdbody.trajectory import open_file

@@ -17,7 +17,6 @@ import numpy as np
 import pytest
 from slow import slow
 from trial_run import CONTACT_COUNTS, HEADER, STATIC, assert_same_as_vtk, assert_vtk_frame, make_frame, vtk_blocks, write_frames
-
 from thirdbody.api import open_run
 from thirdbody.errors import InputError, OutputError
 from thirdbody.export.paraview import write_paraview_files, write_sidecars

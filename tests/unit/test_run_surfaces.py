@@ -14,7 +14,6 @@ import pytest
 from layer import clump_layer, hue_share, write_layer
 from PIL import Image
 from portable import PATIENCE
-
 from thirdbody.api import open_run
 from thirdbody.errors import InputError
 from thirdbody.palette import STATE_COLORS

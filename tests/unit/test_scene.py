@@ -11,7 +11,6 @@ import pytest
 from each import each
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-
 from thirdbody.errors import InputError, OutputError
 from thirdbody.scene import model
 from thirdbody.scene.model import Contact, Irregular, Lognormal, Material, Output, Scene

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from each import each
 from steel import STEEL
-
 from thirdbody.assembly.schedule import rows_of
 from thirdbody.bodies.body_tables import load_bodies
 from thirdbody.errors import InputError

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from numba import njit, types
 from steel import SCENES
-
 import thirdbody
 from thirdbody.engine import units
 from thirdbody.jit import simd

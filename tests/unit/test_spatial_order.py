@@ -9,7 +9,6 @@ import pytest
 from balls import BALLS, edited
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
-
 from thirdbody.assembly.simulation import build
 from thirdbody.engine import explicit, neighbours
 from thirdbody.engine.meeting import may_have_touched

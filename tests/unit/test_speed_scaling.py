@@ -7,7 +7,6 @@ import math
 import pytest
 from each import each
 from steel import scene_text
-
 from thirdbody.api import run
 from thirdbody.assembly.bed import Bed
 from thirdbody.assembly.schedule import schedule

@@ -10,7 +10,6 @@ from each import each
 from PIL import Image
 from scipy.integrate import quad
 from steel import scene_text
-
 from thirdbody.assembly.populate import populate, shapes_of
 from thirdbody.bodies.clump import clump
 from thirdbody.bodies.resting_poses import resting_poses

@@ -8,7 +8,6 @@ import pytest
 from each import each
 from scipy.ndimage import map_coordinates
 from scipy.signal import find_peaks, resample
-
 from thirdbody.assembly.simulation import build
 from thirdbody.assembly.surfaces import plate_surfaces
 from thirdbody.errors import InputError

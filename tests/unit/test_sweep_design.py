@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 from balls import BALLS
-
 from thirdbody.errors import InputError, UsageError
 from thirdbody.palette import STATE_COLORS
 from thirdbody.scene.model import Scene

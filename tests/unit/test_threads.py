@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from numba import njit
 from numba.core.errors import TypingError
-
 from thirdbody.jit import threads as teams
 from thirdbody.jit.arguments import array_part
 from thirdbody.jit.options import BARE

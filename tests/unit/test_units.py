@@ -8,7 +8,6 @@ import pytest
 from each import each
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-
 from thirdbody import units
 
 # pattern with a place for the prefix, the same for pint, our dimension

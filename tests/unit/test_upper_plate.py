@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from steel import scene_text
 from theory.plain import plain
-
 from thirdbody.assembly.integrator import inertial_number
 from thirdbody.assembly.schedule import schedule, why_swings
 from thirdbody.assembly.simulation import build
