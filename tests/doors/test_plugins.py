@@ -176,7 +176,7 @@ TYPOS = [
 ]
 
 
-def test_a_typo_in_a_kernel_is_reported_alike_by_the_suite_and_by_a_scene(balls, command, tmp_path):
+def test_a_typo_in_a_kernel_or_a_dimension_is_reported_alike_by_the_suite_and_by_a_scene(balls, command, tmp_path):
     text = DMT.read_text(encoding="utf-8")
     balls(("[solver]", '[effects.dmt_adhesion]\nwork_of_adhesion = "50 mJ/m2"\n[solver]'))
     for k, (right, wrong, *words) in enumerate(TYPOS):
@@ -190,9 +190,6 @@ def test_a_typo_in_a_kernel_is_reported_alike_by_the_suite_and_by_a_scene(balls,
         report = command("check", "scene.toml", "--plugin", f"law{k}.py")
         assert report.code == 2 and report.err.count("\n") == 1 and all(word in report.err for word in words), report.err
         assert report.err.startswith("thirdbody: dmt_adhesion: cannot be compiled: ")
-
-
-def test_an_option_of_an_unknown_dimension_is_refused_when_the_file_is_read(balls, command, tmp_path):
     text = DMT.read_text(encoding="utf-8")
     (tmp_path / "law.py").write_text(text.replace('"energy_per_area"', '"energy_per_aera"'), encoding="utf-8")
     balls(("[solver]", '[effects.dmt_adhesion]\nwork_of_adhesion = "50 mJ/m2"\n[solver]'))

@@ -56,7 +56,7 @@ def states(result):
 
 
 @pytest.mark.parametrize("level", LEVELS)
-def test_without_friction_the_particle_tilts_as_the_closed_form(level):
+def test_without_friction_and_in_gross_sliding_the_particle_tilts_as_the_closed_form(level):
     w, phi, forces = theory.tilted_state(X, E1, E2, R, CLOSING, 0.0)
     end = walk(mu=0.0, level=level, drag=0.0).points[0]
     assert end.N == pytest.approx(forces, rel=SOLVED, abs=0.0)
@@ -65,11 +65,7 @@ def test_without_friction_the_particle_tilts_as_the_closed_form(level):
     for weight in (1e-5, 1e-4):
         forces = theory.tilted_normal_forces(X, E1, E2, R, CLOSING, weight)
         assert walk(mu=0.0, level=level, weight=weight, drag=0.0).points[0].N == pytest.approx(forces, rel=SOLVED, abs=0.0)
-
-
-@pytest.mark.parametrize("level", LEVELS)
-def test_gross_sliding_with_tilt_as_the_closed_form(level):
-    """The springs of `mdr` fall short of mu N by 4e-4 at most, the forces by about as much over the smallest share, .29."""
+    # the springs of `mdr` fall short of mu N by 4e-4 at most, the forces by about as much over the smallest share, .29
     (w, phi, forces), end = SLIDING, walk(level=level).points[-1]
     assert end.N == pytest.approx(forces, rel=2e-3 if level == "mdr" else SOLVED, abs=0.0) and end.spots == ["slide"] * 3
     if level != "mdr":

@@ -142,7 +142,7 @@ def order(counts, errors):
     return -np.polyfit(np.log(counts), np.log(errors), 1)[0]
 
 
-def test_undamped_impact_is_of_second_order(make):
+def test_impacts_are_of_second_order_and_damped_ones_of_order_five_quarters(make):
     counts, late, deep, slow = (40, 80, 160, 320), [], [], []
     overlap, _, duration = hertz(plane(make, NUMBERS, 1e-3), 1.0)
     overlap *= (1.0 + 1.0 / make.RIGID) ** 0.4  # the plane is not quite rigid
@@ -163,10 +163,7 @@ def test_undamped_impact_is_of_second_order(make):
     # a symmetric method on a symmetric impact: what is left is the kink of x^1.5 where the contact ends, order 2.5 and more
     assert order(counts, slow) > 2.5
     assert slow[-1] < 1e-6
-
-
-def test_damped_impact_is_of_order_five_quarters(make):
-    """The dashpot's force starts like x^.25 v, whose sum over steps is h^1.25 off."""
+    # the dashpot's force starts like x^.25 v, whose sum over steps is h^1.25 off
     counts, errors = (80, 160, 320, 640, 1280), []
     for count in counts:
         simulation = plane_start(make, NUMBERS, 1e-3, 1.0, count, restitution=0.3)

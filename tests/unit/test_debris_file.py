@@ -87,7 +87,7 @@ def test_units_names_and_order_of_columns_and_rows_are_free(placed):
     assert [body.volume for body in other.clumps] == pytest.approx([body.volume for body in first.clumps], rel=1e-9)
 
 
-def test_a_quaternion_turns_the_body_about_its_centre_of_mass(placed):
+def test_a_quaternion_and_an_orientation_turn_a_body_about_its_centre_of_mass(placed):
     q = [turn((0, 0, 1), 0.3), turn((0, 0, 1), math.pi / 2.0), turn((1, 2, 3), 0.4)]
     plain, _, _ = placed(arrays())
     turned, _, _ = placed(arrays(quaternion=q))
@@ -100,9 +100,6 @@ def test_a_quaternion_turns_the_body_about_its_centre_of_mass(placed):
         assert (y - plain.positions[b])[body == b] == pytest.approx(arms @ matrix_from_quaternion(q[b]).T, abs=1e-18)
     # clump 3: the arm (6, 2, 0) um between its balls, a quarter turn to the left
     assert np.diff(y[body == 1], axis=0)[0] == pytest.approx([-2e-6, 6e-6, 0.0], abs=1e-18)
-
-
-def test_an_orientation_turns_a_shape_about_its_centre_of_mass():
     shape = '[{radius = "5 um"}, {center = ["4 um", "3 um", "0 m"], radius = "3 um"}]'  # oblique principal axes
     text = f'[[debris]]\nmaterial = "steel"\nkind = "spheres"\nshape = {shape}\npositions = [["9 um", "9 um", "9 um"]]\n'
     q = turn((1, 2, 3), 0.4)

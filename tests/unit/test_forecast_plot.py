@@ -220,7 +220,7 @@ def support(points, slopes, friction, above, weight=0.0) -> Support:
     return Support(np.asarray(points, float), normals, np.full(len(above), friction), above, 1.0, np.array([0.0, 0.0, -weight]))
 
 
-def test_it_agrees_with_another_programme_on_random_slopes():
+def test_it_agrees_with_another_programme_on_random_slopes_and_between_planes_with_hulls():
     """Its load is a vertical force, that of the other one of normal forces: without weight both are mere scales."""
     rng, found = np.random.default_rng(0), []
     for _ in range(16):
@@ -233,9 +233,6 @@ def test_it_agrees_with_another_programme_on_random_slopes():
         # polygons of both are turned against each other: a body between them may be report by one and not by the other
         assert not (inner and found[-1] == IMPOSSIBLE) and not (not outer and found[-1] == POSSIBLE)
     assert 2 <= found.count(POSSIBLE) <= 14
-
-
-def test_between_planes_it_is_the_hulls():
     rng, verdicts = np.random.default_rng(1), []
     for _ in range(12):
         upper, lower, height = 0.3 * rng.normal(size=(1, 2)), 2.0 * rng.normal(size=(3, 2)), 2.0

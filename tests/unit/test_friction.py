@@ -114,7 +114,7 @@ def test_few_frames_or_cycles_are_no_verdict():
     assert [friction(np.array([0.0, 1.0, 0.0, 1.0, x]), np.full(5, 0.3)).cycles for x in (9e-4, 11e-4)] == [2, 1]
 
 
-def test_a_creep_of_five_cycles_is_seen_and_their_scatter_is_not_exaggerated():
+def test_a_creep_of_five_cycles_is_seen_and_the_error_of_a_change_covers_noise():
     """Autocorrelation cannot be estimated from five values: they count as independent, with Student's t of three."""
     creep = np.array([0.31, 0.323, 0.331, 0.342, 0.35])
     change, margin = change_and_error(creep)
@@ -123,10 +123,7 @@ def test_a_creep_of_five_cycles_is_seen_and_their_scatter_is_not_exaggerated():
     error = 4 * np.sqrt(deviations @ deviations / 3 / 10)
     assert margin == pytest.approx(5.8409 * error, rel=1e-4)  # t of three degrees at 99 %, from tables
     assert change > margin
-
-
-def test_the_error_of_a_change_covers_white_and_correlated_noise():
-    """The half width at 99 % contains the true change, zero, in about that share of 400 series of noise."""
+    # the half width at 99 % contains the true change, zero, in about that share of 400 series of noise
     rng = np.random.default_rng(8)
     for correlation, least in ((0.0, 0.97), (0.8, 0.9)):  # an estimated correlation time is short of the true one in short series
         inside = 0

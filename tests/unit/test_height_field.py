@@ -182,7 +182,7 @@ def grid_minima(coefficients, centre, reach, fine):
     return offset[np.argwhere(lowest)]
 
 
-def test_no_minimum_is_missed(field, coefficients):
+def test_no_minimum_is_missed_and_of_more_than_rows_the_nearest_are_kept(field, coefficients):
     """Of spheres at random, some with two or more."""
     rng, found, misses, several = np.random.default_rng(5), np.zeros((64, 3)), 0, 0
     cell = PERIOD[0] / CELLS[0]
@@ -198,9 +198,6 @@ def test_no_minimum_is_missed(field, coefficients):
                 foot = foot_of(field, centre, *o)[0]
                 misses += foot.distance < reach and (n == 0 or np.hypot(*(found[:n, :2] - foot[:2]).T).min() > 1e-3 * cell)
     assert misses == 0 and several > 3
-
-
-def test_of_more_minima_than_rows_the_nearest_are_kept():
     x = np.arange(64) * 2.0 * math.pi / 64
     wave = 0.2e-6 * np.cos(8.0 * x)[:, None] * np.cos(8.0 * x)
     field = height_field.pack_field(ndimage.spline_filter(wave, 3, mode="grid-wrap"), 8e-6, 8e-6)

@@ -115,7 +115,7 @@ def test_keys_reach_the_integrator_and_friction_without_bound_is_bounded():
     assert not any("count as" in warning for warning in mild.warnings)
 
 
-def test_check_reports_integrator_and_reason(command):
+def test_check_and_run_report_integrator_reason_islands_and_the_times_of_both(command):
     code, out, _ = command((NONE,), "check", "--json")
     report = json.loads(out)
     assert code == 0 and report["integrator"] == "implicit" and "meet only the plates" in report["integrator_reason"]
@@ -131,9 +131,6 @@ def test_check_reports_integrator_and_reason(command):
     assert report["time_step"]["step"] > 0.0
     assert report["expected_times"]["explicit"] == pytest.approx(report["estimated_step_time"])
     assert report["islands"]["largest"] == 1 and report["islands"]["fraction_of_bodies"] == 0.0
-
-
-def test_check_and_run_report_islands_and_the_times_of_both(command):
     code, out, _ = command((SLOWER,), "check")
     assert code == 0 and "integrator implicit: few bodies meet at a time" in out
     assert "bodies cover 0.03 of the area, 0 % of them could meet another within 1.25 um of sliding" in out

@@ -46,7 +46,7 @@ def test_a_population_follows_its_seed_and_copies_have_sizes_of_their_own():
     assert q == pytest.approx(q_alone, abs=1e-9) and height == pytest.approx(height_alone, rel=1e-9)
 
 
-def test_irregular_clump():
+def test_irregular_clumps_are_connected_and_their_aspect_shows():
     for seed, (n, aspect) in enumerate([(2, [1, 1, 1]), (4, [1, 0.8, 0.6]), (8, [1, 1, 0.2]), (12, [1, 0.5, 0.5])]):
         body = irregular(np.random.default_rng(seed), n, aspect, 1e-5)
         assert len(body.radii) == n and len(set(body.radii)) == n
@@ -59,9 +59,6 @@ def test_irregular_clump():
         for i in range(n):
             gap = np.linalg.norm(body.centers - body.centers[i], axis=1) + body.radii[i] - body.radii
             assert (np.delete(gap, i) > 0.0).all()
-
-
-def test_aspect_shows():
     rng = np.random.default_rng(0)
 
     def mean_extent(aspect):

@@ -42,7 +42,7 @@ def run(path):
         yield run
 
 
-def test_every_array_comes_back(run):
+def test_every_array_history_name_series_and_unit_comes_back(run, tmp_path):
     readers = {"spheres": run.spheres, "clumps": run.bodies, "contacts": run.contacts, "plates": run.plates}
     for number in range(FRAMES):
         for block, read in readers.items():
@@ -51,9 +51,6 @@ def test_every_array_comes_back(run):
             assert set(arrays) == set(written)
             for name, values in written.items():
                 np.testing.assert_array_equal(arrays[name], values)
-
-
-def test_histories_names_series_and_units(run, tmp_path):
     frames = [frame_with(number) for number in range(FRAMES)]
     np.testing.assert_array_equal(run.times, [frame.time for frame in frames])
     np.testing.assert_array_equal(run.states, [frame.clumps["state"] for frame in frames])

@@ -59,7 +59,7 @@ def test_load_and_save(tmp_path):
 STEEL = Material(youngs_modulus=210e9, poisson_ratio=0.3, density=7850)
 
 
-def test_a_scene_built_in_python_is_the_one_of_the_file():
+def test_a_scene_built_in_python_is_the_one_of_the_file_and_its_faults_are_input_errors():
     size = {"distribution": "lognormal", "median": 1e-5, "sigma": 0.2, "min": "5 um", "max": 20e-6}
     upper = {"material": "steel", "support": "load_per_particle", "load": 1e-4, "motion": {"x": {"velocity": 1}}}
     scene = Scene(
@@ -71,9 +71,6 @@ def test_a_scene_built_in_python_is_the_one_of_the_file():
         output=Output(every=0.5e-6, every_kind="distance"),
     )  # fmt: skip
     assert scene == Scene.parse(GOOD)
-
-
-def test_faults_in_python_are_input_errors_with_all_faults():
     with pytest.raises(InputError) as caught:
         model.UpperPlate(material="steel", load="1 mN", gap=-1.0, colour="red")
     report = [str(fault) for fault in caught.value.faults]

@@ -235,15 +235,12 @@ def test_tables_of_too_many_rows_are_refused_before_they_are_split(tmp_path):
         rows_of(scene, ("plates", "upper", "motion", "x", "table"), "m.csv", "displacement", "length")
 
 
-def test_values_that_are_wrong_by_the_thousand_are_counted(tmp_path):
+def test_values_that_are_wrong_by_the_thousand_and_too_many_tables_are_counted(tmp_path):
     n = 5000
     np.savez(tmp_path / "b.npz", center=np.full((n, 3), np.nan), radius=np.zeros(n), clump=np.zeros(n, int))
     with pytest.raises(InputError) as report:
         load_bodies(tmp_path / "b.npz")
     assert len(report.value.faults) == 11 and report.value.faults[-1].message == "and 19990 more faults"
-
-
-def test_a_scene_of_too_many_tables_is_reported_by_their_number_alone():
     for head, debris, message in (
         (STEEL + "".join(f"[materials.m{k}]\n" for k in range(1000)), BALL, "materials: 1001 materials, at most 1000 are read"),
         (STEEL, BALL * 1001, "debris: 1001 debris tables, at most 1000 are read"),

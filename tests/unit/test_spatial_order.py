@@ -38,7 +38,7 @@ def share_within_groups(positions, order):
     return float(np.mean(group[pairs[:, 0]] == group[pairs[:, 1]]))
 
 
-def test_every_body_has_one_place_that_depends_on_the_bodies_alone():
+def test_every_body_has_one_place_and_neighbours_are_of_one_group():
     for count in (0, 1, ONE_GROUP, ONE_GROUP + 1, 3000):
         order = in_columns(debris(count), DIAMETER)
         assert np.array_equal(np.sort(order), np.arange(count))
@@ -55,9 +55,6 @@ def test_every_body_has_one_place_that_depends_on_the_bodies_alone():
     assert np.array_equal(bodies[order], bodies[mixed][in_columns(bodies[mixed], DIAMETER)])
     order = in_columns(np.repeat(debris(600), 2, axis=0), DIAMETER)  # bodies at the same place keep their order
     assert np.array_equal(order[1::2], order[::2] + 1) and np.all(order[::2] % 2 == 0)
-
-
-def test_neighbours_are_of_one_group():
     for count in (2000, 20_000):
         bodies = debris(count)
         scattered = share_within_groups(bodies, np.random.default_rng(3).permutation(count))
