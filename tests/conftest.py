@@ -1,5 +1,4 @@
-"""For all tests: the command line called as a user calls it; no deadline of the clock for the examples of hypothesis, since
-others may use the cores."""
+"""For all tests: the command line as a user calls it; hypothesis without deadlines, since others may use the cores."""
 
 import fcntl
 import os

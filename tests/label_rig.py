@@ -135,6 +135,10 @@ class Rig:
         assert self.label() == (state, reason)
         return self
 
+    def shows(self, **values):
+        assert {name: self.last[name] for name in values} == values
+        return self
+
     @property
     def last(self):
         return self.frames[-1]

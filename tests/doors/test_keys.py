@@ -1,5 +1,4 @@
-"""References are complete: keys and names of scenes and runs with examples that can be read, docstrings of the public
-interface, the generated code of a scene."""
+"""References are complete: keys and names with examples that can be read, docstrings of the public interface, generated code."""
 
 import ast
 import doctest

@@ -1,5 +1,4 @@
-"""The pages of the project: blocks run, links lead somewhere, generated parts are those of the source, the English is plain;
-the cover and the gallery are of the scenes as they are."""
+"""Pages: blocks run, links lead somewhere, generated parts are of the source, the gallery of the scenes, the English is plain."""
 
 import json
 import os

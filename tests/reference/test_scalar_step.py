@@ -306,16 +306,14 @@ def other_sign(right, *arguments):
     return scalar_contact.scaled(torque, -1.0), back
 
 
-def backwards_turning(_, v, w, r):
-    return scalar_bodies.added(v, scalar_bodies.cross(w, r), -1.0)
-
-
 FAULTS = {
     "sign of the torque of friction": ("crowd", around(scalar_contact, "torques", other_sign), "BSAHR"),
     "twist of a contact that does not turn its axis": ("torn", around(scalar_contact, "carry", untwisted), "H"),
     "energy of springs that open": ("torn", around(scalar_step, "let_go", forgotten), "BA"),
     "shares of what opens": ("torn", around(Reference, "lose", lambda *_: None), "B"),
-    "velocity of a point": ("crowd", around(scalar_bodies, "carried", backwards_turning), "BSAHR"),
+    "velocity of a point": (
+        "crowd", around(scalar_bodies, "carried", lambda _, v, w, r: scalar_bodies.added(v, scalar_bodies.cross(w, r), -1.0)),
+        "BSAHR"),
     "nearest image": ("crowd", around(scalar_contact, "image", lambda _, d, length: d), "BSHR"),
     "viscous part of friction": ("crowd", around(scalar_laws, "fitted", lambda _, x, y, *rest: (x, y, (0.0, 0.0))), "BSAHR"),
     "normal of the end of the step, not of its middle": (

@@ -1,5 +1,4 @@
-"""Measures in runs: they change nothing, sum exactly, and give the same bits on any number of threads and in pieces; also where
-contacts are of another kind: rough plates, a plate that bodies carry together, spots that flow."""
+"""Measures in runs change nothing and sum exactly, with the same bits on any threads and in pieces, for all kinds of contacts."""
 
 import functools
 import itertools

@@ -1,5 +1,4 @@
-"""What limits the steps of the implicit integrator is counted, told, and is not rounding; a ball that bounces: states agree with
-the forces of contacts, and energy goes where it belongs."""
+"""What limits implicit steps is counted, told, and is not rounding; states and energy of a ball that bounces."""
 
 import numpy as np
 import pytest

@@ -157,10 +157,6 @@ def miss(spot, overlap, slip, rows=2, **more):
     return min(found) / (2.0 * G * theory.contact_radius(R, overlap))
 
 
-def somewhere(rng, size):
-    return rng.uniform(0.3, 1.2) * D1, rng.normal(size=2) * size * KAPPA * D1
-
-
 def test_tangents_of_the_virgin_patch_of_full_sliding_at_first_touch_and_after_a_gap():
     """Along the slip 2 G* c with the stick radius c (Cattaneo), across it the secant of the force; also at an angle."""
     spot, full, limit = Spot(), 2.0 * G * theory.contact_radius(R, D1), MU * theory.hertz_force(E, R, D1)
@@ -184,7 +180,7 @@ def test_tangents_of_the_virgin_patch_of_full_sliding_at_first_touch_and_after_a
         for size in 4 * (0.02, 0.3, 5.0):
             spot = Spot()
             spot.reset(overlap)
-            misses.append(miss(spot, *somewhere(rng, size), damped=1.3))
+            misses.append(miss(spot, rng.uniform(0.3, 1.2) * D1, rng.normal(size=2) * size * KAPPA * D1, damped=1.3))
     assert max(misses) < 1e-7  # rounding of the differences
     # no friction, a dashpot that takes all load, or no touch: no stiffness, and no division by zero
     for step in ((D1, 0.0), (1.3 * D1, KAPPA * D1 * np.array([1.0, -1.0]), 0.01)):

@@ -133,11 +133,6 @@ STEPS = (1e-6, 1e-7)
 smaller one serves where a weak corner, of a spring with a small share of the force, lies within the other."""
 
 
-def tangent_of(spot, step):
-    xx, xy, yx, yy, xd, yd = spot.tangent(**step)
-    return np.array([[xx, xy, xd], [yx, yy, yd]])
-
-
 def scales(spot, step):
     """Sizes of the columns: 2 G* a, and that times kappa (the rate of the limit), or times the slip over the overlap."""
     patch, slip = 2.0 * G_STAR * theory.contact_radius(RADIUS, step["overlap"]), math.hypot(step["x"], step["y"])
@@ -146,7 +141,8 @@ def scales(spot, step):
 
 def compare(spot, step):
     """Largest miss of central differences over the size of its column; NaN at a corner, where one-sided ones lie apart."""
-    misses, size = [], scales(spot, step)
+    misses, size, (xx, xy, yx, yy, xd, yd) = [], scales(spot, step), spot.tangent(**step)
+    tangent = np.array([[xx, xy, xd], [yx, yy, yd]])
     force = lambda **change: np.array(spot.answer(**(step | change))[0][:2])  # noqa: E731
     for length in STEPS:
         central, apart, here = [], [], force()
@@ -156,7 +152,7 @@ def compare(spot, step):
             central.append((ahead - behind) / (2.0 * e))
             apart.append(np.abs(ahead - 2.0 * here + behind) / e)
         corner = np.any(np.column_stack(apart) > 1e-4 * size)
-        misses.append(math.nan if corner else float((np.abs(np.column_stack(central) - tangent_of(spot, step)) / size).max()))
+        misses.append(math.nan if corner else float((np.abs(np.column_stack(central) - tangent) / size).max()))
     return misses[0] if math.isnan(misses[0]) else float(np.nanmin(misses))
 
 

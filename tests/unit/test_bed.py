@@ -1,5 +1,4 @@
-"""Beds: measures of states made by hand against closed forms, a column of balls at rest, the verdict on how slow shear is;
-velocity accommodation: closed forms for one body and for a bed, runs of balls and flakes."""
+"""Beds: measures and velocity accommodation against closed forms, a column at rest, the verdict on slow shear, short runs."""
 
 import json
 import math

@@ -1,5 +1,4 @@
-"""Films have the frames that were asked for, one camera and one legend over all of them; a close-up shows the forces on one
-particle and what friction could hold at each of its spots."""
+"""Films have the frames that were asked for, one camera and one legend; a close-up shows the forces on one particle."""
 
 import io
 import sys

@@ -1,5 +1,4 @@
-"""The friction coefficient of a run: one number with its error and a verdict, the same wherever it is shown; strokes by cycle;
-what is said of a balance of energy that does not close and of a run's accuracy."""
+"""The friction coefficient of a run: one number, its error and verdict wherever it is shown; strokes by cycle."""
 
 import csv
 import itertools

@@ -1,6 +1,4 @@
-"""Profiles: closed forms of cut spheres and lines, of a column, a gas and plane Couette flow; what a run does with them;
-means over an output interval: exact where the trapezoidal rule is, of few samples, the same after a restore; the shear zone of a
-bed: exact for plane Couette flow, found in a band, at least a grain thick."""
+"""Profiles, means over an output interval and the shear zone of a bed against closed forms; what a run does with them."""
 
 import csv
 import math

@@ -1,5 +1,4 @@
-"""The trajectory file: read back by VTK's own reader, which finds nothing where the layout has a fault, and as a kill leaves it,
-at any write or within one: both readers have the committed frames."""
+"""The trajectory file: read back by VTK's own reader, also as a kill leaves it at any write or within one."""
 
 import os
 import shutil

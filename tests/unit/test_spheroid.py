@@ -27,15 +27,12 @@ def parsed(more: str, size: str = '"10 um"', count: int = 12) -> Scene:
     return Scene.parse(SCENE.format(more=more, size=size, count=count), "s.toml")
 
 
-def ellipsoid(form: str, r: float) -> tuple[float, np.ndarray]:
-    """Volume and principal moments, rising, at unit density; the longer semi-axis is 1."""
+def errors(form: str, r: float, n: int) -> np.ndarray:
+    """Of volume and principal moments, rising; of the spheroid at unit density the longer semi-axis is 1."""
     across, along = (r, 1.0) if form == "prolate" else (1.0, r)
     volume = 4.0 / 3.0 * math.pi * across**2 * along
-    return volume, np.sort([2.0 * across**2, across**2 + along**2, across**2 + along**2]) * volume / 5.0
-
-
-def errors(form: str, r: float, n: int) -> np.ndarray:
-    body, (volume, inertia) = clump(*layout(form, r, n)[:2]), ellipsoid(form, r)
+    inertia = np.sort([2.0 * across**2, across**2 + along**2, across**2 + along**2]) * volume / 5.0
+    body = clump(*layout(form, r, n)[:2])
     return np.abs(np.append(body.volume / volume, body.inertia / inertia) - 1.0)
 
 
