@@ -215,13 +215,6 @@ def test_a_bad_table_or_mesh_is_reported_in_one_line(scene, refused, tmp_path):
     refused(f"file: {file}{place}: ", words, "run", "scene.toml", "--quiet")
 
 
-UNREADABLE = [
-    ("missing.{}", "no such file"), ("folder.{}", "is a folder"), ("scene.toml/a.{}", "no such file"),
-    ("locked.{}", "cannot be read: Permission denied"), ("device.{}", "is a device"),
-    ("a" * 300 + ".{}", "cannot be read: File name too long"),
-]  # fmt: skip
-
-
 @pytest.mark.parametrize(("kind", "suffix"), [("file", "csv"), ("file", "npz"), ("mesh", "stl")])
 def test_a_file_that_cannot_be_read(kind, suffix, scene, refused, tmp_path, monkeypatch):
     (tmp_path / f"folder.{suffix}").mkdir()
@@ -234,7 +227,11 @@ def test_a_file_that_cannot_be_read(kind, suffix, scene, refused, tmp_path, monk
         return open(path, mode)
 
     monkeypatch.setattr(input_files, "open", locked, raising=False)
-    for name, words in UNREADABLE:
+    for name, words in [
+        ("missing.{}", "no such file"), ("folder.{}", "is a folder"), ("scene.toml/a.{}", "no such file"),
+        ("locked.{}", "cannot be read: Permission denied"), ("device.{}", "is a device"),
+        ("a" * 300 + ".{}", "cannot be read: File name too long"),
+    ]:  # fmt: skip
         file = name.format(suffix)
         scene(file, kind)
         place = file if len(file) < 200 else f"{file[:200]}..."

@@ -157,16 +157,13 @@ def test_spelling():
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_readme_is_short_and_its_citation_has_the_version_of_the_project():
+def test_readme_is_short_and_cited_and_the_guide_describes_every_command(command):
     assert len(README.text.splitlines()) <= MOST_LINES
     assert not [sentence for sentence in README.sentences if len(sentence.split()) > LONGEST_SENTENCE]
 
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     (citation,) = (block.text for block in README.blocks if block.language == "yaml")
     assert f"\nversion: {project['version']}\nlicense: {project['license']}\n" in citation
-
-
-def test_the_guide_describes_every_command(command):
     guide = (PACKAGE / "README.md").read_text(encoding="utf-8")
     listed = command("--help").out.partition("Commands:")[2]
     commands = {line.split()[0] for line in listed.splitlines() if re.match(r"  [a-z]", line)}

@@ -169,17 +169,16 @@ def test_the_template_works_from_a_file_and_changes_the_result(balls, command):
         assert expected > 1.05
 
 
-TYPOS = [
-    ("p.work_of_adhesion *", "p.work_of_adhesoin *", "'work_of_adhesoin'", '.py", line {line}'),
-    ("Adhesion(-pull_off,", "Adhesion(-pull_of,", "NameError", "'pull_of'"),
-    ("Adhesion(-pull_off, -pull_off * c.overlap)", "Adhesion(-pull_off)", "Adhesion", "'stored'"),
-]
-
-
 def test_a_typo_in_a_kernel_or_a_dimension_is_reported_alike_by_the_suite_and_by_a_scene(balls, command, tmp_path):
     text = DMT.read_text(encoding="utf-8")
     balls(("[solver]", '[effects.dmt_adhesion]\nwork_of_adhesion = "50 mJ/m2"\n[solver]'))
-    for k, (right, wrong, *words) in enumerate(TYPOS):
+    for k, (right, wrong, *words) in enumerate(
+        [
+            ("p.work_of_adhesion *", "p.work_of_adhesoin *", "'work_of_adhesoin'", '.py", line {line}'),
+            ("Adhesion(-pull_off,", "Adhesion(-pull_of,", "NameError", "'pull_of'"),
+            ("Adhesion(-pull_off, -pull_off * c.overlap)", "Adhesion(-pull_off)", "Adhesion", "'stored'"),
+        ]
+    ):
         assert text.count(right) == 1
         words = [word.format(line=text[: text.index(right)].count("\n") + 1) for word in words]
         (tmp_path / f"law{k}.py").write_text(text.replace(right, wrong), encoding="utf-8")

@@ -119,17 +119,6 @@ TRIANGLE = (((1.2, 0.4),), ((-1.0, 0.0), (1.0, 0.0), (0.0, 1.2)), 2.0)
 CROSSED = (((0.0, 1.0), (0.0, -1.0)), ((0.6, 0.0), (1.4, 0.0)), 1.5)
 SEGMENT = (((0.0, 0.0), (0.0, 1.0)), ((1.0, 0.5),), 2.0)
 PAIR = (((0.3, 0.4),), ((0.0, 0.0),), 2.0)
-INTERVALS = [
-    (TRIANGLE, (-1.0, 0.0), (4.0 / 15.0, 14.0 / 15.0)),  # Q at y = .4 reaches from -2/3 to 2/3
-    # (1.2 - 3 s, .4 + s) meets the sides of Q at s = .64/2.6 and 2.24/4.6; t = s sqrt(10)/2
-    (TRIANGLE, (-3.0, 1.0), (0.389203404328415918, 0.769945865084474968)), (TRIANGLE, (0.0, 1.0), hulls.NEVER),
-    (CROSSED, (1.0, 0.0), (0.4, 1.4 / 1.5)), (CROSSED, (-1.0, 0.0), (-1.4 / 1.5, -0.4)), (CROSSED, (0.0, 1.0), hulls.NEVER),
-    (CROSSED, (2.0, 2.0), (0.6 * math.sqrt(2.0) / 1.5, math.sqrt(2.0) / 1.5)),  # {q - p} = [.6, 1.4] x [-1, 1]
-    (SEGMENT, (1.0, 0.0), (0.5, 0.5)),  # {q - p} is the segment x = 1, |y| <= .5: one friction only
-    (SEGMENT, (2.0, 1.0), (math.sqrt(5.0) / 4.0, math.sqrt(5.0) / 4.0)),  # its end
-    (SEGMENT, (2.0, 1.01), hulls.NEVER), (SEGMENT, (0.0, 1.0), hulls.NEVER),
-    (PAIR, (-3.0, -4.0), (0.25, 0.25)), (PAIR, (-1.0, 0.0), hulls.NEVER),
-]  # fmt: skip
 
 
 def forecast_of(upper, lower, h, e):
@@ -169,10 +158,20 @@ def test_bodies_on_a_grid_have_ties_lines_and_coincidences(seed):
             assert forecast_of(upper, lower, 2.0, e) == pytest.approx(expect(upper, lower, 2.0, e), **APPROX)
 
 
-def test_samples():
+def test_samples_and_what_hulls_refuse():
     # from the line 1.2 x + y = 1.2: .64/sqrt(2.44)/2; tan alpha of Eq. 16: .5/2
     required = {id(TRIANGLE): 0.204859007892633558, id(CROSSED): 0.4, id(SEGMENT): 0.5, id(PAIR): 0.25}
-    for case, direction, interval in INTERVALS:
+    for case, direction, interval in [
+        (TRIANGLE, (-1.0, 0.0), (4.0 / 15.0, 14.0 / 15.0)),  # Q at y = .4 reaches from -2/3 to 2/3
+        # (1.2 - 3 s, .4 + s) meets the sides of Q at s = .64/2.6 and 2.24/4.6; t = s sqrt(10)/2
+        (TRIANGLE, (-3.0, 1.0), (0.389203404328415918, 0.769945865084474968)), (TRIANGLE, (0.0, 1.0), hulls.NEVER),
+        (CROSSED, (1.0, 0.0), (0.4, 1.4 / 1.5)), (CROSSED, (-1.0, 0.0), (-1.4 / 1.5, -0.4)), (CROSSED, (0.0, 1.0), hulls.NEVER),
+        (CROSSED, (2.0, 2.0), (0.6 * math.sqrt(2.0) / 1.5, math.sqrt(2.0) / 1.5)),  # {q - p} = [.6, 1.4] x [-1, 1]
+        (SEGMENT, (1.0, 0.0), (0.5, 0.5)),  # {q - p} is the segment x = 1, |y| <= .5: one friction only
+        (SEGMENT, (2.0, 1.0), (math.sqrt(5.0) / 4.0, math.sqrt(5.0) / 4.0)),  # its end
+        (SEGMENT, (2.0, 1.01), hulls.NEVER), (SEGMENT, (0.0, 1.0), hulls.NEVER),
+        (PAIR, (-3.0, -4.0), (0.25, 0.25)), (PAIR, (-1.0, 0.0), hulls.NEVER),
+    ]:  # fmt: skip
         ours = forecast_of(*case, direction)
         assert ours == pytest.approx((required[id(case)], *interval), rel=1e-13, abs=1e-14), (case, direction)
     assert forecast_of([(0.2, 0)], [(-2.0, 0), (1.5, 0)], 4.0, (-1, 0)) == pytest.approx((0.0, -0.325, 0.55), rel=1e-13)
@@ -181,9 +180,6 @@ def test_samples():
         turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
         case = (*(np.array(side) @ turn.T * 1e-6 for side in SEGMENT[:2]), 2e-6, turn @ (2.0, 1.0))
         assert forecast_of(*case) == pytest.approx((0.5, math.sqrt(5.0) / 4.0, math.sqrt(5.0) / 4.0), rel=1e-12)
-
-
-def test_what_hulls_refuse_has_an_answer():
     assert forecast_of([], [(0, 0)], 1.0, (1, 0)) == NOTHING and forecast_of([(0, 0)], [], 1.0, (1, 0)) == NOTHING
     assert forecast_of([(0, 0)], [(1, 0)], 0.0, (1, 0)) == forecast_of([(0, 0)], [(1, 0)], -1.0, (1, 0)) == NOTHING
     assert forecast_of([(0, 0)], [(3, 4)], 2.0, (0, 0)) == (2.5, math.inf, -math.inf)

@@ -162,14 +162,6 @@ def somewhere(rng, size, low, high, **more):
     return {"overlap": overlap, "x": x, "y": y} | more
 
 
-KINDS = {
-    "stick": (0.01, 0.95, 1.05),
-    "partial slip": (0.3, 0.8, 1.2),
-    "full slip": (5.0, 0.5, 2.0),
-    "growing, with merges": (0.3, 1.2, 40.0),
-    "growing and turning in full slip": (60.0, 2.0, 40.0),
-    "shrinking": (0.3, 0.05, 0.7),
-}
 ROUNDING = 3e-9
 """Rounding of the differences is 1e-10 of a column's size for one step, some springs that are short of a corner add to that."""
 
@@ -184,7 +176,14 @@ def agree(misses, name=""):
 def test_tangents_agree_with_differences(case):
     """`share` scales the elastic force, so that the bound of a spring is constant; `viscous` does not, so that it moves."""
     springs, mu, more = case
-    for kind, bounds in KINDS.items():
+    for kind, bounds in {
+        "stick": (0.01, 0.95, 1.05),
+        "partial slip": (0.3, 0.8, 1.2),
+        "full slip": (5.0, 0.5, 2.0),
+        "growing, with merges": (0.3, 1.2, 40.0),
+        "growing and turning in full slip": (60.0, 2.0, 40.0),
+        "shrinking": (0.3, 0.05, 0.7),
+    }.items():
         rng, misses = np.random.default_rng(11), []
         for _ in range(8):
             spot = driver_of(springs, mu)

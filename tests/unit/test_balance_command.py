@@ -106,15 +106,12 @@ def test_all_faults_at_once_with_line_and_nearest_name(write):
     assert len(problem.value.faults) == 5 and problem.value.exit_code == 3
 
 
-FAULTS = [
-    (("balance = 1\n", ""), "write balance = 1"), (('weight = "0 N"', "quaternion = [1, 0, 0, 0]"), "turns a clump"),
-    (('z = "2 um"', 'z = "-3 um"'), "not above the lower ones"), (("steps = 24", "direction = [0, 0]"), "has no length"),
-    (('indentation = "10 nm"\n', ""), "give one of indentation, load"), (("steps = 24", "steps = 24 nm"), "not valid TOML"),
-]  # fmt: skip
-
-
 def test_single_faults(write):
-    for change, text in FAULTS:
+    for change, text in [
+        (("balance = 1\n", ""), "write balance = 1"), (('weight = "0 N"', "quaternion = [1, 0, 0, 0]"), "turns a clump"),
+        (('z = "2 um"', 'z = "-3 um"'), "not above the lower ones"), (("steps = 24", "direction = [0, 0]"), "has no length"),
+        (('indentation = "10 nm"\n', ""), "give one of indentation, load"), (("steps = 24", "steps = 24 nm"), "not valid TOML"),
+    ]:  # fmt: skip
         with pytest.raises(InputError) as problem:
             BalanceFile.load(write(change))
         assert text in str(problem.value) and len(problem.value.faults) == 1

@@ -247,16 +247,13 @@ def test_histories_also_by_the_labeller_with_forecasts_of_effects(history):
     assert history(View()).frames == history(View(label=LABEL_WITH_EFFECTS)).frames
 
 
-VIEWS = {
-    "micrometres": View(unit=1e-6), "mirrored": View(mirrored=True), "turned": View(quarter_turns=1),
-    "other order, kilometres": View(backward=True, unit=1e3),
-}  # fmt: skip
-
-
 @by_name
 def test_frames_do_not_depend_on_the_view(history):
     expected = history(View()).frames
-    for name, view in VIEWS.items():
+    for name, view in {
+        "micrometres": View(unit=1e-6), "mirrored": View(mirrored=True), "turned": View(quarter_turns=1),
+        "other order, kilometres": View(backward=True, unit=1e3),
+    }.items():  # fmt: skip
         for there, here in zip(expected, history(view).frames, strict=True):
             here["rolled_distance"] /= view.unit
             assert (here["state"], here["reason"]) == (there["state"], there["reason"]), name

@@ -262,17 +262,14 @@ def test_a_copy_takes_the_time_that_it_is_made_for(file, tmp_path):
     assert Copy.of(json.loads(json.dumps(asdict(copy)))) == copy
 
 
-def test_medians_and_how_far_they_may_be_off():
+def test_medians_how_far_they_may_be_off_and_that_noise_recommends_nothing(made):  # noqa: F811
     # one alone tells a factor of two, a few half their range; that two agree may be chance
     assert (timing([2.0]), timing([1.0, 2.0, 4.0]), timing([2.0, 2.0])) == ((2.0, 1.0), (2.0, 1.5), (2.0, 0.5))
     many = timing([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0])
     assert many.seconds == 5.0 and many.half == pytest.approx(1.57 * 4.0 / 3.0, rel=1e-12)
     assert timing([1.0] * 9).half == 0.03  # what repeats in one process cannot tell
     assert slower(timing([2.0] * 9), timing([1.0] * 9)) and not slower(timing([1.05] * 9), timing([1.0] * 9))
-
-
-def test_noise_recommends_nothing(made):  # noqa: F811
-    """A variant at half the median cost, timed once, or with a spread that covers the difference, is no cheaper variant."""
+    # a variant at half the median cost, timed once, or with a spread that covers the difference, is no cheaper variant
     own, less, fine = made.rows[1:4]
     fine.cpu = [1.01 * x for x in less.cpu]  # mdr 16 beside mdr 8, less accurate
     names = [row.variant.name for row in cost.efficient(made)]

@@ -78,12 +78,6 @@ KERNELS = (
     "by_name", "by_module", "by_value", "by_table", "by_class", "by_default", "by_tuple", "by_attribute", "by_cell", "by_plain",
     "untouched",
 )  # fmt: skip
-CHANGES = {
-    "helper_b.py": (PARTS["helper_b.py"].replace("1.0", "1.5"), {"by_name", "by_module"}),
-    "strength.txt": ("2.5", {"by_value", "by_default", "by_tuple", "by_cell", "by_plain"}),
-    "table.txt": ("3.0 5.0", {"by_table", "by_class"}),
-    "helper_a/tables.py": ("FACTOR = 6.0\n", {"by_attribute"}),
-}
 
 
 def digests(folder: Path, changes: dict[str, str], apart=False) -> dict[str, str]:
@@ -106,7 +100,14 @@ def digests(folder: Path, changes: dict[str, str], apart=False) -> dict[str, str
 def test_a_change_in_what_a_kernel_reaches_is_noticed_also_by_another_process(tmp_path):
     before = digests(tmp_path / "site-packages", {})
     assert digests(tmp_path / "apart" / "site-packages", {}, apart=True) == before
-    for k, (name, (text, touched)) in enumerate(CHANGES.items()):
+    for k, (name, (text, touched)) in enumerate(
+        {
+            "helper_b.py": (PARTS["helper_b.py"].replace("1.0", "1.5"), {"by_name", "by_module"}),
+            "strength.txt": ("2.5", {"by_value", "by_default", "by_tuple", "by_cell", "by_plain"}),
+            "table.txt": ("3.0 5.0", {"by_table", "by_class"}),
+            "helper_a/tables.py": ("FACTOR = 6.0\n", {"by_attribute"}),
+        }.items()
+    ):
         after = digests(tmp_path / str(k) / "site-packages", {name: text})
         changed = {kernel for kernel in KERNELS if after[kernel] != before[kernel]}
         assert touched <= changed and "untouched" not in changed, name

@@ -58,7 +58,7 @@ def test_margins_are_relative_distances_from_the_nearer_end():
     assert still.margin.tolist() == [np.inf, -np.inf, 0.0]
 
 
-def test_every_body_is_one_point_at_its_margin_in_the_colour_of_what_it_did(axes):
+def test_every_body_is_one_point_and_disagreements_are_ringed_named_and_counted(axes):
     found = {}
     for fact, label in forecast_plot.FACTS.items():
         members = [row for row in ROWS if row[5] == fact]
@@ -70,9 +70,6 @@ def test_every_body_is_one_point_at_its_margin_in_the_colour_of_what_it_did(axes
         assert to_hex(collection.get_facecolor()[0]).upper() == STATE_COLORS[fact]
     assert found == {"rolling": 4, "sliding": 2, "sticking": 1}
     assert [tick.get_text() for tick in axes.get_yticklabels()] == ["0.2", "0.5"]
-
-
-def test_disagreements_outside_the_shaded_band_are_ringed_named_and_counted(axes):
     np.testing.assert_allclose(points(axes, "other than forecast")[:, 0], [0.2, -0.5, -1.0], rtol=1e-12)
     assert [text.get_text() for text in axes.texts if text.get_text().isdigit()] == ["1", "3", "6"]
     band = next(patch for patch in axes.patches if "open" in patch.get_label())

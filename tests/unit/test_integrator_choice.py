@@ -45,24 +45,23 @@ SLOW, SLOWER, FAST, QUICK = (
     ('velocity = "0.5 m/s"', f'velocity = "{speed}"') for speed in ("1 mm/s", "1 um/s", "50 m/s", "5 m/s")
 )  # explicit runs of the slow ones take a third of a second, and minutes; the inertial number of these balls is 5 at 50 m/s
 ONE_PLATE = ("load_per_particle", "rigid")
-CHOICES = {
-    "two that may meet": ((), "explicit", "expected to take about as long"),
-    "two that meet slowly": ((SLOWER,), "implicit", "few bodies meet at a time"),
-    "two that soon have slid": ((SLOW,), "explicit", "its steps are few: 2e+05"),
-    "two that meet fast": ((FAST,), "explicit", "it resolves impacts"),
-    "two that meet less fast": ((QUICK,), "explicit", "it resolves impacts"),
-    "two under one plate": ((SLOWER, ONE_PLATE), "explicit", "carry one plate together"),
-    "two whose steps have a tolerance": ((asks("auto", "tolerance = 1e-3"),), "implicit", "the scene gives solver.tolerance"),
-    "two that meet, explicit by name": ((SLOWER, asks("explicit")), "explicit", "required by the scene"),
-    "two that do not": ((NONE,), "implicit", "meet only the plates"),
-    "a time step": ((NONE, ('settle = "1 us"', 'settle = "1 us"\ntime_step = "0.1 ns"')), "explicit", "time step"),
-    "local damping": ((NONE, LOCAL), "explicit", "local_damping acts on unbalanced forces"),
-    "implicit by name": ((asks("implicit"),), "implicit", "required by the scene"),
-}
 
 
 def test_choice_and_reason():
-    for name, (changes, kind, reason) in CHOICES.items():
+    for name, (changes, kind, reason) in {
+        "two that may meet": ((), "explicit", "expected to take about as long"),
+        "two that meet slowly": ((SLOWER,), "implicit", "few bodies meet at a time"),
+        "two that soon have slid": ((SLOW,), "explicit", "its steps are few: 2e+05"),
+        "two that meet fast": ((FAST,), "explicit", "it resolves impacts"),
+        "two that meet less fast": ((QUICK,), "explicit", "it resolves impacts"),
+        "two under one plate": ((SLOWER, ONE_PLATE), "explicit", "carry one plate together"),
+        "two whose steps have a tolerance": ((asks("auto", "tolerance = 1e-3"),), "implicit", "the scene gives solver.tolerance"),
+        "two that meet, explicit by name": ((SLOWER, asks("explicit")), "explicit", "required by the scene"),
+        "two that do not": ((NONE,), "implicit", "meet only the plates"),
+        "a time step": ((NONE, ('settle = "1 us"', 'settle = "1 us"\ntime_step = "0.1 ns"')), "explicit", "time step"),
+        "local damping": ((NONE, LOCAL), "explicit", "local_damping acts on unbalanced forces"),
+        "implicit by name": ((asks("implicit"),), "implicit", "required by the scene"),
+    }.items():
         simulation = build(scene(*changes))
         assert simulation.plan.kind == kind and reason in simulation.plan.reason, name
         assert type(simulation.integrator).__name__.lower().startswith(kind), name
@@ -79,21 +78,19 @@ def test_expected_explicit_steps_are_those_of_pressed_contacts(load):
 UPPER = PAIR[PAIR.index("[plates.upper]") : PAIR.index("[contact]")]
 NO_UPPER = ((UPPER, ""), ('distance = "0.1 um"', 'duration = "1 us"'), ('every = "0.05 um"', 'every = "1 us"'))
 
-REFUSED = {
-    "local damping": ((asks("implicit"), LOCAL), "solver.integrator", ["local_damping", "unbalanced forces"]),
-    "no upper plate": ((asks("implicit"), *NO_UPPER), "solver.integrator", ["no upper plate"]),
-    "time step": ((asks("implicit", 'time_step = "1 ns"'),), "solver.time_step", ["other integrator", "implicit"]),
-    "tolerance": ((asks("explicit", "tolerance = 1e-3"),), "solver.tolerance", ["other integrator", "explicit"]),
-    "inertia": ((asks("explicit", "inertia = true"),), "solver.inertia", ["other integrator"]),
-    "word of on_failure": ((asks("implicit", 'on_failure = "stopp"'),), "solver.on_failure", ["'stop'", "'continue'"]),
-    "name": ((asks("implicitt"),), "solver.integrator", ["'implicit'", "'explicit'", "'auto'"]),
-    "tolerance of zero": ((asks("implicit", "tolerance = 0"),), "solver.tolerance", ["0"]),
-    "step of no length": ((asks("implicit", 'largest_step = "0 nm"'),), "solver.largest_step", ["greater than 0"]),
-}
-
 
 def test_what_cannot_work_is_one_clear_fault(command):
-    for name, (changes, key, words) in REFUSED.items():
+    for name, (changes, key, words) in {
+        "local damping": ((asks("implicit"), LOCAL), "solver.integrator", ["local_damping", "unbalanced forces"]),
+        "no upper plate": ((asks("implicit"), *NO_UPPER), "solver.integrator", ["no upper plate"]),
+        "time step": ((asks("implicit", 'time_step = "1 ns"'),), "solver.time_step", ["other integrator", "implicit"]),
+        "tolerance": ((asks("explicit", "tolerance = 1e-3"),), "solver.tolerance", ["other integrator", "explicit"]),
+        "inertia": ((asks("explicit", "inertia = true"),), "solver.inertia", ["other integrator"]),
+        "word of on_failure": ((asks("implicit", 'on_failure = "stopp"'),), "solver.on_failure", ["'stop'", "'continue'"]),
+        "name": ((asks("implicitt"),), "solver.integrator", ["'implicit'", "'explicit'", "'auto'"]),
+        "tolerance of zero": ((asks("implicit", "tolerance = 0"),), "solver.tolerance", ["0"]),
+        "step of no length": ((asks("implicit", 'largest_step = "0 nm"'),), "solver.largest_step", ["greater than 0"]),
+    }.items():
         with pytest.raises(InputError) as caught:
             build(scene(*changes))
         assert caught.value.exit_code == 3 and [fault.key for fault in caught.value.faults] == [key], name

@@ -172,11 +172,6 @@ IMPOSSIBLE = {
     "joined at a vertex": (pair((2.0, 2.0, 2.0)), "2 separate surfaces"),
     "joined at an edge": (pair((2.0, 2.0, 0.0)), "part bodies that share an edge"), "hollow": (SHELL, "fill cavities"),
 }  # fmt: skip
-THIN = {
-    "open ring": curled(0.9), "bowl": bowl(), "flake": trimesh.creation.cylinder(15.0, 1.0, sections=64),
-    "leaf": trimesh.creation.cylinder(5.0, 2e-3), "needle": trimesh.creation.box((1.0, 1.0, 60.0)),
-    "dent": ball_with(lambda z: np.where(z == z.max(), -4.0, z)),
-}  # fmt: skip
 
 
 @pytest.mark.parametrize("shift", [0.0, 300.0])  # single precision there: steps of 3e-5, 1.5 % of the leaf's thickness
@@ -186,7 +181,11 @@ def test_what_cuts_through_itself_or_is_two_bodies_is_refused_and_thin_bodies_ar
         with pytest.raises(InputError, match=message):
             load_mesh(tmp_path / "bad.stl", 1e-6)
         assert name
-    for name, solid in THIN.items():
+    for name, solid in {
+        "open ring": curled(0.9), "bowl": bowl(), "flake": trimesh.creation.cylinder(15.0, 1.0, sections=64),
+        "leaf": trimesh.creation.cylinder(5.0, 2e-3), "needle": trimesh.creation.box((1.0, 1.0, 60.0)),
+        "dent": ball_with(lambda z: np.where(z == z.max(), -4.0, z)),
+    }.items():  # fmt: skip
         solid.copy().apply_translation([shift] * 3).export(tmp_path / f"{name}.stl")
         assert load_mesh(tmp_path / f"{name}.stl", 1e-3).name.endswith(f"{name}.stl")
 

@@ -222,7 +222,7 @@ def adhesive(own: str, all_pairs: str = 'work_of_adhesion = "50 mJ/m2", ', model
     return f'adhesion = {{{all_pairs}model = "{model}"}}', f'work_of_adhesion = "{own}"'
 
 
-def test_a_pair_may_have_its_own_work_of_adhesion():
+def test_a_pair_may_have_its_own_work_of_adhesion_also_without_one_for_all():
     """In the parameters, the pull-off force and the reach; `check` tells it pair by pair."""
     built = build(scene(*adhesive("20 mJ/m2")))
     first, second = (row[0].adhesion * row[0].e_star for row in built.choice.rows)
@@ -236,10 +236,7 @@ def test_a_pair_may_have_its_own_work_of_adhesion():
     assert texts == [("steel/brass", "w = 20 mJ/m2"), ("brass/brass", "w = 50 mJ/m2")]
     stronger = build(scene(*adhesive("2 J/m2")))
     assert stronger.choice.reach(1e-6) > 5.0 * built.choice.reach(1e-6)  # w^(2/3): that of the strongest pair
-
-
-def test_work_of_adhesion_by_pair_only():
-    """The effect's value may be left out where every pair has one; else the pairs that lack it are named: nothing is mixed."""
+    # the effect's value may be left out where every pair has one; else the pairs that lack it are named: nothing is mixed
     message = report(*adhesive("20 mJ/m2", ""))
     assert "effects.adhesion: required key 'work_of_adhesion' is missing, and brass/brass of [[pairs]] give no" in message
     effects, own = adhesive("20 mJ/m2", "")

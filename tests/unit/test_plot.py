@@ -196,7 +196,7 @@ def test_no_mean_is_drawn_over_a_drifting_curve(tmp_path):
     assert "still rising by" in axes.get_title(loc="left")
 
 
-def test_states_are_stacked_in_their_colours(run, drawn):
+def test_states_are_stacked_in_their_colours_and_energy_lines_are_the_ledger(run, drawn, tmp_path):
     axes, below = drawn[0]["states"], np.zeros(40)
     assert [collection.get_label() for collection in axes.collections] == ["sticking", "sliding", "rolling"]  # none was free
     for collection in axes.collections:
@@ -207,9 +207,6 @@ def test_states_are_stacked_in_their_colours(run, drawn):
     np.testing.assert_allclose(below, 1.0, rtol=1e-12)
     assert re.search(r"8 bodies: at the end all rolling", axes.get_title(loc="left"))
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["rolling", "sliding", "sticking"]  # from above
-
-
-def test_energy_lines_are_the_ledger(run, drawn, tmp_path):
     axes, lines = drawn[0]["energy"], ledger(RunData(run))
     assert axes.get_ylabel() == "energy (nJ)" and len(axes.get_lines()) == 8
     assert len({(entry.get_color(), entry.get_linestyle()) for entry in axes.get_lines()}) == 8

@@ -36,7 +36,7 @@ def dense(slabs, parts, rows):
     return table
 
 
-def test_spheres_are_cut_into_caps_and_lines_in_proportion():
+def test_spheres_are_cut_into_caps_lines_in_proportion_and_nothing_is_lost():
     slabs = Slabs(0.0, 4.0, 4)
     volume, moment = volumes(slabs, np.array([1.0, 2.25, 0.5, 9.0]), np.array([1.0, 0.5, 1.0, 1.0]))
     assert volume[0] == pytest.approx([2.0 / 3.0 * math.pi] * 2 + [0.0, 0.0])
@@ -48,9 +48,6 @@ def test_spheres_are_cut_into_caps_and_lines_in_proportion():
     lines = dense(slabs, line_parts(slabs, np.array([0.5, 2.5, 1.5, -1.0, 1.25]), np.array([2.0, -2.0, 0.0, 2.0, 0.5])), 5)
     found = [[0.25, 0.5, 0.25, 0], [0.25, 0.5, 0.25, 0], [0, 1, 0, 0], [0.5, 0, 0, 0], [0, 1, 0, 0]]
     assert lines == pytest.approx(np.array(found))
-
-
-def test_in_a_periodic_domain_nothing_is_lost():
     slabs, rng = Slabs(0.0, 4.0, 5, periodic=True), np.random.default_rng(1)
     centres, radii = rng.uniform(-9.0, 9.0, 50), rng.uniform(0.1, 1.9, 50)
     volume, moment = volumes(slabs, centres, radii)
@@ -135,7 +132,7 @@ def test_plane_couette_flow_integrates_to_the_speed_of_the_plate():
     assert np.mean(found["solid_fraction"]) == pytest.approx(len(z) * BALL / (L * W * H), rel=1e-12)
 
 
-def test_a_gas_has_the_kinetic_stress_of_its_density_and_a_cut_ball_the_velocity_of_its_rotation():
+def test_a_gas_a_cut_ball_a_clump_and_an_empty_slab_have_their_closed_forms():
     omega = 1e4
     state = state_of(np.array([[0.0, 0.0, 0.5 * H]]), spin=np.array([[0.0, omega, 0.0]]))
     # the centroid of half a ball is 3/8 R from its centre
@@ -147,9 +144,6 @@ def test_a_gas_has_the_kinetic_stress_of_its_density_and_a_cut_ball_the_velocity
     expected = np.diag([2.0, 0.0, 2.0]) * DENSITY * BALL * c**2 / (L * W * H)
     assert stress == pytest.approx(expected, abs=1e-12 * expected.max())
     assert found["velocity"][0] == pytest.approx(mean)
-
-
-def test_a_clump_has_its_own_volume_and_an_empty_slab_no_velocity():
     offsets, volume = ((0.0, 0.0, 0.0), (R, 0.0, 0.0)), 1.6 * BALL
     state = state_of(np.array([[0.0, 0.0, 0.25 * H]]), np.array([[1.0, 0.0, 0.0]]), offsets=offsets, volume=volume)
     found = profiles(state, 2)

@@ -88,17 +88,14 @@ def test_forces_are_tubes(layer, picture, tmp_path, view):
     assert dark[1] > dark[0] + 0.003  # a hundred tubes of some 3 by 20 pixels, half of them hidden
 
 
-REFUSED = [
-    ({"frame": 2}, "no frame 2"), ({"color": "utilization"}, "did you mean 'utilisation'"), ({"zoom": 0.0}, "zoom"),
-    ({"size": (10, 10)}, "outside 200 to 8192"), ({"view": "tpo"}, "did you mean 'top'"),
-    ({"camera": "follow"}, "needs the body"), ({"camera": "loose", "body": 3}, "neither fixed nor follow"),
-    ({"frames": "0:2"}, "shows one frame"), ({"fps": 0}, "fps"), ({"body": 200}, "no body 200; ids are 0 to 199"),
-    ({"body": 3, "forces": True}, "leave out forces"),
-]  # fmt: skip
-
-
 def test_options_that_cannot_be_and_missing_libraries_are_named(layer, tmp_path, monkeypatch):
-    for options, message in REFUSED:
+    for options, message in [
+        ({"frame": 2}, "no frame 2"), ({"color": "utilization"}, "did you mean 'utilisation'"), ({"zoom": 0.0}, "zoom"),
+        ({"size": (10, 10)}, "outside 200 to 8192"), ({"view": "tpo"}, "did you mean 'top'"),
+        ({"camera": "follow"}, "needs the body"), ({"camera": "loose", "body": 3}, "neither fixed nor follow"),
+        ({"frames": "0:2"}, "shows one frame"), ({"fps": 0}, "fps"), ({"body": 200}, "no body 200; ids are 0 to 199"),
+        ({"body": 3, "forces": True}, "leave out forces"),
+    ]:  # fmt: skip
         with pytest.raises(InputError, match=message):
             render(layer, tmp_path / "a.png", **options)
     with pytest.raises(InputError, match="name it .png, .gif, .mp4 or .html"):

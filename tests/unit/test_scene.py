@@ -19,7 +19,7 @@ from thirdbody.schema.read import locate
 GOOD = (Path(__file__).parent / "good_scene.toml").read_text(encoding="utf-8")
 
 
-def test_the_good_scene_is_read():
+def test_the_good_scene_is_read_saved_and_loaded(tmp_path):
     scene = Scene.parse(GOOD)
     (debris,) = scene.debris
     assert isinstance(debris, Irregular)
@@ -40,9 +40,6 @@ def test_the_good_scene_is_read():
     assert by_young.shear() == by_shear.shear() == 84e9
     assert by_young.young() == by_shear.young() == 210e9
     assert Contact().level == "mindlin" and Contact(law="other").level is None
-
-
-def test_load_and_save(tmp_path):
     path = tmp_path / "a.toml"
     path.write_bytes(b"\xef\xbb\xbf" + GOOD.replace("\n", "\r\n").encode())  # as some editors write
     scene = Scene.load(path)

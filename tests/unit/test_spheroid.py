@@ -215,7 +215,7 @@ def test_a_mesh_is_reported_by_its_own_volume_and_inertia(call, stone):
     assert 0.0 < fit["contact_radius_ratio"]["min"] <= fit["contact_radius_ratio"]["median"] < 1.0
 
 
-def test_every_population_of_a_scene_is_reported(call, scene):
+def test_every_population_of_a_scene_and_mesh_of_a_folder_is_reported(call, scene, tmp_path, stone):
     code, out, _ = call(scene, "--json")
     rough, balls, rocks = json.loads(out)["populations"]
     found = [(entry["kind"], entry["count"]) for entry in (rough, balls, rocks)]
@@ -231,9 +231,6 @@ def test_every_population_of_a_scene_is_reported(call, scene):
     assert balls["inertia"][2]["mean"] == pytest.approx(0.4 * mass * 4e-6**2, rel=1e-12, abs=0.0)
     assert balls["sharpness"]["mean"] == pytest.approx(1.0, rel=1e-12) and rough["sharpness"]["max"] < 0.7
     assert "fit" in rocks and "fit" not in rough
-
-
-def test_a_folder_of_meshes_is_reported_mesh_by_mesh(call, scene, tmp_path, stone):
     (tmp_path / "scans").mkdir()
     for name, height in (("a.stl", 1.0), ("b.stl", 0.5)):
         mesh = stone.copy()
@@ -268,19 +265,16 @@ def test_tables_and_a_picture_of_the_bodies_are_made(call, scene, tmp_path):
     assert (pixels == 255).all(axis=2)[:, :20].all(), "nothing is cut at the edge"
 
 
-WRONG = [
-    (["rock.stl"], 2, "--unit"),
-    (["scene.toml", "--unit", "1 um", "--seed", "2"], 2, "--unit, --seed"),
-    (["rock.stl", "--unit", "1 um", "--spheres", "3"], 3, "spheres"),
-    (["absent.toml"], 3, "absent.toml"),
-    (["rock.step"], 3, "neither a scene"),
-    (["scene.toml", "--set", "debris.0.asperities.radius=4 um"], 3, "asperities.radius"),
-    (["rock.stl", "--unit", "1 um", "-o", "a.jpg"], 3, ".png"),
-    (["rock.stl", "--unit", "1 um", "-o", "absent/a.png"], OutputError.exit_code, "does not exist"),
-]
-
-
 def test_what_cannot_be_ends_with_its_code(call, scene):
-    for arguments, code, words in WRONG:
+    for arguments, code, words in [
+        (["rock.stl"], 2, "--unit"),
+        (["scene.toml", "--unit", "1 um", "--seed", "2"], 2, "--unit, --seed"),
+        (["rock.stl", "--unit", "1 um", "--spheres", "3"], 3, "spheres"),
+        (["absent.toml"], 3, "absent.toml"),
+        (["rock.step"], 3, "neither a scene"),
+        (["scene.toml", "--set", "debris.0.asperities.radius=4 um"], 3, "asperities.radius"),
+        (["rock.stl", "--unit", "1 um", "-o", "a.jpg"], 3, ".png"),
+        (["rock.stl", "--unit", "1 um", "-o", "absent/a.png"], OutputError.exit_code, "does not exist"),
+    ]:
         found, _, err = call(*arguments)
         assert found == code and words in err, (arguments, err)

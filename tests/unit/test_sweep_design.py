@@ -130,11 +130,6 @@ d = 5
 e = []
 f = {from = 1, too = 2, count = 3}
 """
-FAULTS = [
-    "4:a.count: required key is missing: the number of values", "5:b: '1 mN' and '2 um' are a force and a length",
-    '6:c: scale = "log" needs ends above 0', "7:d: expected a list of values or a table {from, to, count}, got 5",
-    "8:e: expected at least one value", "9:f.too: unknown key, did you mean 'to'?",
-]  # fmt: skip
 
 
 def test_all_faults_of_a_file_are_reported_at_once(tmp_path):
@@ -142,7 +137,11 @@ def test_all_faults_of_a_file_are_reported_at_once(tmp_path):
     assert "sweep.toml:3:1: desgn: unknown key, did you mean 'design'?" in text
     assert "'some' is not one of 'all', 'summary'" in text
     report = faults(lambda: of_file(tmp_path, VARY + "[[together]]\ng = [1, 2]\nh = [1, 2, 3]\na = [1, 2]\n"))
-    for fault in FAULTS:
+    for fault in [
+        "4:a.count: required key is missing: the number of values", "5:b: '1 mN' and '2 um' are a force and a length",
+        '6:c: scale = "log" needs ends above 0', "7:d: expected a list of values or a table {from, to, count}, got 5",
+        "8:e: expected at least one value", "9:f.too: unknown key, did you mean 'to'?",
+    ]:  # fmt: skip
         line, _, words = fault.partition(":")
         assert any(f"sweep.toml:{line}:" in one and words in one for one in report), (fault, report)
     assert any("a is varied twice" in one for one in report)
@@ -165,15 +164,12 @@ def finished(folder, vary, failed=-1, **options):
     return Sweep(folder)
 
 
-def test_means_over_seeds_have_the_standard_error(tmp_path):
+def test_means_over_seeds_have_the_standard_error_which_is_the_bar_of_curves(tmp_path):
     shown = average(finished(tmp_path, {MU: [0.1, 0.2], SEED: [1, 2, 3]}, failed=0), MU, None)
     assert shown.x.tolist() == [0.1, 0.2] and shown.largest == 3 and shown.averaged == (SEED,)
     # seeds 1, 2, 3: mean 2, standard deviation 1; the failed point of seed 1 is left out; rounding of a few sums
     assert shown.values["friction_coefficient"] == pytest.approx([0.125, 0.22], rel=1e-12)
     assert shown.errors["friction_coefficient"] == pytest.approx([0.005, 0.01 / np.sqrt(3.0)], rel=1e-12)
-
-
-def test_curves_have_bars_and_a_colour_per_value_of_the_second_axis(tmp_path):
     sweep = finished(tmp_path, {MU: {"from": 0.1, "to": 0.5, "count": 5}, LOAD: ["0.1 mN", "1 mN"], SEED: [1, 2, 3]})
     figure = sweep.plot(tmp_path / "curves.png")
     first = figure.axes[0]

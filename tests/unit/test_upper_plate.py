@@ -106,7 +106,7 @@ def test_tangential_springs_get_rings_where_motion_or_load_turns_or_a_plate_is_r
         assert choice.memory == memory and len(choice.chain.laws[2].history) == size
 
 
-def test_paths_of_strokes_and_the_times_of_places_on_them():
+def test_paths_of_strokes_the_times_of_places_on_them_and_the_engine_that_follows():
     made = moved('{stroke = "2 um", frequency = "1 MHz"}')
     # to and fro: 4 um a cycle; chords of a thousandth of a period fall short by (pi/1000)^2/24 at most
     assert made.path(0.0, 3e-6) == pytest.approx(12e-6, rel=1e-6)
@@ -127,9 +127,6 @@ def test_paths_of_strokes_and_the_times_of_places_on_them():
     both, fine = Schedule(x=(stroke,), y=(ramp, Segment(9.0, POLYNOMIAL, 0.0))), np.linspace(0.0, 8.5, 85_001)
     places = np.array([both.displacement_at(t) for t in fine])
     assert both.path(0.0, 8.5) == pytest.approx(np.linalg.norm(np.diff(places, axis=0), axis=1).sum(), rel=1e-5)
-
-
-def test_the_engine_follows_the_schedule():
     text = '[{ramp = "1 m/s", duration = "0.2 us"}, {stroke = "0.3 um", frequency = "5 MHz", cycles = 1}, {velocity = "-1 m/s"}]'
     built = build(scene(f'load = "1 mN"\nmotion = {{x = {text}}}', 'duration = "0.6 us"\nsettle = "0.1 us"'))
     built.integrator.advance_to(time=0.6e-6)
