@@ -151,8 +151,6 @@ def test_spoilt_files_are_refused(worker, tmp_path, run_bytes, count):
     assert report["refused"] > count // 3  # else the mutations are too tame to mean anything
 
 
-# folders of runs ---------------------------------------------------------------------------------------------------------------
-
 FEW_RUNS, MANY_RUNS = 4, int(os.environ.get("FUZZ_RUNS", "150"))
 CODES = {0, 2, 3, 4, 5}  # done, usage, input, guard, output; anything else is no answer to a spoilt file
 RUN = edited(

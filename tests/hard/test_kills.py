@@ -125,8 +125,6 @@ def test_a_run_that_is_being_written_is_never_damaged(tmp_path):
     assert reads >= 100
 
 
-# sweeps -------------------------------------------------------------------------------------------------------------------------
-
 VARY = ["--vary", "pairs.0.friction=0.05:0.6:3", "--vary", "debris.0.count=3,4000", "--workers", "2", "-q"]
 """Half of the points fails: 4000 balls have no space in the domain."""
 LONG = ["--set", "solver.distance=0.2 um"]

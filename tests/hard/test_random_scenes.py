@@ -87,8 +87,7 @@ STIFFNESS_PERIODS = 100.0  # duration of the drag in units of sqrt(mass / normal
 
 @dataclass(frozen=True)
 class Scales:
-    """Scales that loads, speeds and times follow from: sphere radius (m), overlap on the softer plate (m), mass (kg), and E* (Pa)
-    of the softer and of the stiffer plate."""
+    """Of loads, speeds and times: sphere radius, overlap on the softer plate [m], mass [kg], E* of both plates [Pa]."""
 
     radius: float
     overlap: float

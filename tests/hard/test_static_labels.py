@@ -77,8 +77,6 @@ def test_planar_particles_and_clumps(tmp_path):
     assert len(different) <= (1.0 - ALIKE) * 40, different
 
 
-# seats --------------------------------------------------------------------------------------------------------------------------
-
 TILTS = np.linspace(-0.5, 0.5, 20_001)  # rad, up to which `balance` follows a particle
 
 

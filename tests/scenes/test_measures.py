@@ -262,8 +262,6 @@ def test_a_measure_of_ones_own_is_one_file(tmp_path: Path, command):
     assert refused.code != 0 and "rubbed" in refused.err
 
 
-# other kinds of contacts --------------------------------------------------------------------------------------------------------
-
 PLASTIC = edited(STEEL, ('"7850 kg/m3"\n', '"7850 kg/m3"\nyield_strength = "0.4 GPa"\n'))
 OTHER = PLASTIC + DEBRIS + '[domain]\nsize = ["40 um", "20 um"]\n' + PLATES + ALONE + """\
 [measures]

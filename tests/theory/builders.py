@@ -145,8 +145,7 @@ def ball_mass(material: Material, radius: float) -> float:
 
 def under_patches(debris, materials, load, motion, level="mindlin", patch=None, options=None, **keys) -> Simulation:
     """Bodies that do not see each other, each under a patch of its own of the material `ball`, pressed by a load (N) and
-    dragged. `patch` are further keys of the upper plate, `options` those of the law; `keys` are those of the solver or of
-    `scene`."""
+    dragged. `patch`: further keys of the upper plate, `options`: of the law, `keys`: of the solver or of `scene`."""
     solver = {key: keys.pop(key) for key in tuple(keys) if key in model.Solver.model_fields}
     solver = solver if "distance" in solver else {"duration": LONG} | solver
     size, periodic, force = keys.pop("size", 10.0), keys.pop("periodic", True), keys.pop("force", False)

@@ -293,8 +293,7 @@ def test_a_ball_sticks_below_a_speed(make):
 @pytest.mark.parametrize(("ratio", "bound"), [(1.05, 6e-3), (4.0, 1e-3)])
 def test_the_rebound_above_it(make, ratio, bound):
     """e^2 = 1 - (V_s/V)^2 (Thornton and Ning 1998), wherever in the step the neck forms: jumps count from where they are.
-    Without that a jump of 8/9 of the pull-off force is off by up to half a step: 2.9 % at 1.5. Order: 1.5 near the fold, where
-    the force has infinite slope, 2 elsewhere."""
+    Order: 1.5 near the fold, where the force has infinite slope, 2 elsewhere."""
     starts = [1e-10 + 3.7e-12 * k for k in range(3)]  # thirds of a step
     expected = math.sqrt(1.0 - ratio**-2)
     miss = lambda n, start: abs(impact(make, ratio, 2.1e-10 / n, start)[0] / expected - 1.0)  # noqa: E731

@@ -135,8 +135,7 @@ BALL = {"radius": np.full(2, 5e-6), "clump": np.arange(2)}
 
 
 def packing(seed, count=40, clumps=True, overlap=0.3):
-    """A bed of balls and clumps on 50 um, free of overlap, whose bodies are then enlarged: balls that touched overlap by
-    this part of their radius."""
+    """A bed of balls and clumps on 50 um, enlarged: balls that touched overlap by this part of their radius."""
     rng = np.random.default_rng(seed)
     size = {"distribution": "lognormal", "median": 1e-5, "sigma": 0.2, "min": 6e-6, "max": 16e-6}
     balls = [clump([[0, 0, 0]], [r * UM]) for r in rng.uniform(3.5, 6.5, count)]

@@ -58,8 +58,7 @@ def test_spheres_are_cut_into_caps_lines_in_proportion_and_nothing_is_lost():
 
 
 def state_of(position, velocity=None, spin=None, contacts=(), offsets=((0.0, 0.0, 0.0),), volume=None):
-    """A state of equal clumps between plates: balls of radius R at `offsets`; contacts as (owner, partner or side, point,
-    partner's point, force on the owner)."""
+    """A state of clumps of balls at `offsets`; contacts: (owner, partner or side, point, partner's point, force on the owner)."""
     n, each = len(position), len(offsets)
     B, S, P = np.zeros((n, body.WIDTH)), np.zeros((n * each, sphere.WIDTH)), np.zeros((1, patch.WIDTH))
     volume = BALL if volume is None else volume
