@@ -52,8 +52,7 @@ def core(run: thirdbody.Run, frame: int, area: float) -> tuple[np.ndarray, float
 
 
 def error_of_mean(values: np.ndarray, blocks: int = 6) -> float:
-    means = [block.mean() for block in np.array_split(values, blocks)]
-    return float(np.std(means, ddof=1) / np.sqrt(blocks))
+    return float(np.std([block.mean() for block in np.array_split(values, blocks)], ddof=1) / np.sqrt(blocks))
 
 
 def speeds(run: thirdbody.Run) -> list[np.ndarray]:

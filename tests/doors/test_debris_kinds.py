@@ -135,5 +135,4 @@ def test_installed_kinds_are_found_and_broken_ones_reported(installed, command):
 
 def test_built_in_kinds_do_not_read_what_is_installed(monkeypatch):
     monkeypatch.setattr(kinds_registry, "entry_points", lambda group: pytest.fail("asked"))
-    text = scene('count = 5\nradius = "4 um"').replace('"dumbbell"', '"spheres"')
-    assert Scene.parse(text).debris[0].count == 5
+    assert Scene.parse(scene(GOOD).replace('"dumbbell"', '"spheres"')).debris[0].count == 5

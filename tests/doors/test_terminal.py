@@ -158,8 +158,7 @@ needs_full = pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full")
 
 
 def program(*arguments, output=subprocess.PIPE, error=subprocess.PIPE):
-    command = [*PROGRAM, *map(str, arguments)]
-    done = subprocess.run(command, stdout=output, stderr=error, text=True, timeout=PATIENCE)
+    done = subprocess.run([*PROGRAM, *map(str, arguments)], stdout=output, stderr=error, text=True, timeout=PATIENCE)
     return done.returncode, done.stdout or "", done.stderr or ""
 
 

@@ -139,5 +139,4 @@ def clump(seed):
     draw = np.random.default_rng([22, seed])
     body = irregular(draw, int(draw.integers(4, 9)), (1.0, 0.8, 0.6), 10e-6)
     (quaternion,), _ = settle_all([body], draw)
-    centers = Rotation.from_quat(np.roll(quaternion, -1)).apply(body.centers)
-    return centers, body.radii, float(draw.uniform(0.1, 0.6))
+    return Rotation.from_quat(np.roll(quaternion, -1)).apply(body.centers), body.radii, float(draw.uniform(0.1, 0.6))

@@ -171,8 +171,7 @@ def both(name):
     simulation = begun(name)
     reference, *spare = (Reference(simulation) for _ in range(1 + sum(scene == name for scene, *_ in CHANGES)))
     events = follow(simulation, SCENES[name][1])
-    engine = tables(simulation)
-    return Pass(simulation, engine, reference, walk(reference, events, simulation.state.dt), events, spare)
+    return Pass(simulation, tables(simulation), reference, walk(reference, events, simulation.state.dt), events, spare)
 
 
 def engine_alone(name):
@@ -363,6 +362,5 @@ def test_any_heap_agrees_with_the_plain_step(heap):
     seed, speed, level, steps, effects = heap
     simulation = small_scenes.heap(seed, speed, level, effects)
     lead(simulation, steps)
-    reference = Reference(simulation)
-    expected = walk(reference, follow(simulation, 40), simulation.state.dt)
+    expected = walk(Reference(simulation), follow(simulation, 40), simulation.state.dt)
     assert max(departures(tables(simulation), expected).values()) <= 1.0

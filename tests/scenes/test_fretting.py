@@ -47,8 +47,7 @@ def loop(tmp_path_factory):
         time = 0.5 * (time[1:] + time[:-1])
         force = -run.series["upper_force"][1:, 0]
     second = time >= 1.0 / FREQUENCY * (1.0 - 1e-9)
-    x = AMPLITUDE * (1.0 - np.cos(2.0 * math.pi * FREQUENCY * time[second]))
-    return x, force[second]
+    return AMPLITUDE * (1.0 - np.cos(2.0 * math.pi * FREQUENCY * time[second])), force[second]
 
 
 def spot():

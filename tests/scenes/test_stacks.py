@@ -100,8 +100,7 @@ class Seen:
 def watch(stack: Stack, folder: Path, view: View | None = None) -> Seen:
     view = view or View()
     rows = list(range(len(stack.bodies)))[:: -1 if view.backward else 1]
-    scene = thirdbody.Scene.parse(text(stack, view))
-    with thirdbody.run(scene, folder / "run", progress=False, overwrite=True) as run:
+    with thirdbody.run(thirdbody.Scene.parse(text(stack, view)), folder / "run", progress=False, overwrite=True) as run:
         seen = Seen([], [], [], run.times)
         for f in range(run.frames):
             arrays = run.bodies(f)

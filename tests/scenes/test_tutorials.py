@@ -81,8 +81,7 @@ def test_every_notebook_is_listed():
 def test_it_runs_and_shows_what_it_says(name, tmp_path):
     path = NOTEBOOKS[0].with_name(f"{name}.ipynb")
     notebook = executed(path, tmp_path, re.sub(r"^ {8}", "", CLAIMS[path.stem], flags=re.MULTILINE))  # raises for a failing cell
-    stored = json.loads(path.read_text(encoding="utf-8"))["cells"]
-    for cell, before in zip(notebook.cells[:-1], stored, strict=True):
+    for cell, before in zip(notebook.cells[:-1], json.loads(path.read_text(encoding="utf-8"))["cells"], strict=True):
         # what a run warns of, which the stored pages leave out
         outputs = [output for output in cell.get("outputs", []) if ": ThirdbodyWarning: " not in output.get("text", "")]
         assert [output.output_type for output in outputs] == [output["output_type"] for output in before.get("outputs", [])]

@@ -149,8 +149,7 @@ def under_patches(debris, materials, load, motion, level="mindlin", patch=None, 
     solver = {key: keys.pop(key) for key in tuple(keys) if key in model.Solver.model_fields}
     solver = solver if "distance" in solver else {"duration": LONG} | solver
     size, periodic, force = keys.pop("size", 10.0), keys.pop("periodic", True), keys.pop("force", False)
-    held = {"support": "load_per_particle", "load": load} | (patch or {})
-    upper = UpperPlate(material="ball", motion=motion, **held)
+    upper = UpperPlate(material="ball", motion=motion, **{"support": "load_per_particle", "load": load} | (patch or {}))
     tables = {
         "plates": model.Plates(lower=model.LowerPlate(material="ball"), upper=upper),
         "contact": model.Contact(level=level, debris_contact="none", options=options or {}),

@@ -240,8 +240,7 @@ def test_a_ball_in_an_impact_is_unbalanced_until_it_flies_and_by_moments_if_obli
 
 @pytest.mark.parametrize("integrator", ["explicit", "implicit"])
 def test_a_particle_in_slow_drag_is_in_static_equilibrium(integrator):
-    scene = thirdbody.Scene.load(SCENES / "three_spot.toml").with_settings({"solver.integrator": integrator})
-    built = build(scene)
+    built = build(thirdbody.Scene.load(SCENES / "three_spot.toml").with_settings({"solver.integrator": integrator}))
     built.integrator.advance_to(time=built.settle)
     built.integrator.advance_to(distance=3e-9)
     _, reason, margins = report(built)

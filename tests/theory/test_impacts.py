@@ -50,8 +50,7 @@ def balls_impact(make, numbers, radius, speed):
     S = simulation.state.S
 
     def gap():
-        apart = S[1, 0] - S[0, 0] - 2.0 * radius
-        return apart, make.velocity(simulation, 1)[0] - make.velocity(simulation, 0)[0]
+        return S[1, 0] - S[0, 0] - 2.0 * radius, make.velocity(simulation, 1)[0] - make.velocity(simulation, 0)[0]
 
     return simulation, make.impact(simulation, gap)
 

@@ -106,8 +106,7 @@ def test_rocking_has_the_frequency_of_its_spring_and_the_decay_of_its_dashpot(ma
     """C = 2 zeta sqrt(k_r (7/5) m R^2), so a ball that turns in its place, I = (2/5) m R^2, decays at C/(2 I)."""
     simulation, omega, spin = rocked(make, 0.5, ratio)
     friction, own = simulation.state.A[run_totals.FRICTION_WORK], ratio * math.sqrt(3.5)
-    times = np.arange(0.02, 4.0 if ratio else 8.0, 0.02) * 2.0 * math.pi / omega
-    time, spins = follow(make, simulation, times, 1)
+    time, spins = follow(make, simulation, np.arange(0.02, 4.0 if ratio else 8.0, 0.02) * 2.0 * math.pi / omega, 1)
     turned = omega * math.sqrt(1.0 - own**2) * time
     expected = np.exp(-own * omega * time) * (np.cos(turned) - own / math.sqrt(1.0 - own**2) * np.sin(turned))
     # velocity Verlet's own error is (omega dt)^2/24 = 3e-5 of the frequency, here over 16 pi of phase; the velocity that feeds

@@ -90,7 +90,7 @@ def test_the_table_reports_what_changes_stops_and_cannot_be_compared(write, caps
     assert "upper side: not elastically similar (Dundurs' beta -0.274)" in capsys.readouterr().err
 
 
-def test_all_faults_at_once_with_line_and_nearest_name(write):
+def test_faults_at_once_with_line_and_nearest_name_and_each_alone(write):
     path = write(
         ("poisson_ratio = 0.3\n", "poisson_ratio = 0.7\n"), ('"60 GPa"', '"60 um"'), ('side = "upper"', 'side = "top"'),
         ("[friction]\nupper = 0.3", "[friction]\nuper = 0.3"), ('drag = "12 nm"', 'drag = "12 nm"\nload = "1 N"'),
@@ -104,9 +104,6 @@ def test_all_faults_at_once_with_line_and_nearest_name(write):
     ):  # fmt: skip
         assert part in report
     assert len(problem.value.faults) == 5 and problem.value.exit_code == 3
-
-
-def test_single_faults(write):
     for change, text in [
         (("balance = 1\n", ""), "write balance = 1"), (('weight = "0 N"', "quaternion = [1, 0, 0, 0]"), "turns a clump"),
         (('z = "2 um"', 'z = "-3 um"'), "not above the lower ones"), (("steps = 24", "direction = [0, 0]"), "has no length"),

@@ -73,8 +73,7 @@ def test_the_solid_fraction_of_a_crystal_and_of_clumps():
     pair = clump([[-0.5 * R, 0.0, 0.0], [0.5 * R, 0.0, 0.0]], [R, R])
     lens = math.pi * (4.0 * R + R) * (2.0 * R - R) ** 2 / 12.0  # of two equal balls at the distance R
     volume = 8.0 / 3.0 * math.pi * R**3 - lens
-    positions = [[2.0 * R, 2.0 * R, (1.0 + 2.0 * k) * R] for k in range(10)]
-    state = state_of([pair] * 10, positions, (4.0 * R, 4.0 * R))
+    state = state_of([pair] * 10, [[2.0 * R, 2.0 * R, (1.0 + 2.0 * k) * R] for k in range(10)], (4.0 * R, 4.0 * R))
     d = 2.0 * np.cbrt(0.75 * volume / math.pi)
     assert BedMeasures(state, MODULUS).median == pytest.approx(d, rel=1e-9)
     # a largest diameter is left out at each plate: six whole clumps, and of two what the cut leaves of their balls
@@ -315,7 +314,7 @@ def check_sum(run):
     assert settled.sum() > 5 and total[1:][settled] == pytest.approx(means[settled], rel=1e-9)
 
 
-def test_balls_only_roll_and_flakes_only_slip(tmp_path):
+def test_balls_only_roll_flakes_only_slip_and_a_plate_at_rest_has_no_parts(tmp_path):
     with run_of(tmp_path / "balls") as run:
         check_sum(run)
         assert beds.accommodation_fractions(run.drag)["rolling"] == pytest.approx(1.0, abs=0.01)  # creep and the ramp's vibration
@@ -334,9 +333,6 @@ def test_balls_only_roll_and_flakes_only_slip(tmp_path):
             points = np.column_stack((0.5 * (x[:-1] + x[1:]), factor * y[1:]))
             within = [area.get_paths()[0].contains_points(points) for area in axes.collections]
             assert (np.any(within, axis=0) == inside).all()
-
-
-def test_a_plate_at_rest_has_no_parts(tmp_path):
     text = edited(BALLS, ('motion = {x = {velocity = "0.5 m/s"}}\n', ""), ('distance = "0.1 um"', 'duration = "0.1 us"'))
     with thirdbody.run(thirdbody.Scene.parse(edited(text, ("0.05 um", "1 us"))), out=tmp_path / "rest", progress=False) as run:
         assert not set(ACCOMMODATION) & set(run.series) and "accommodation" not in run.summary()

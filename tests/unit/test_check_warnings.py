@@ -76,8 +76,7 @@ def scene(*changes: tuple[str, str]) -> Scene:
 @each(WARNINGS)
 def test_what_is_unusual_is_warned_of_with_its_number_and_remedy(name):
     changes, words = WARNINGS[name]
-    found = [warning for warning in build(scene(*changes)).warnings if all(word in warning for word in words)]
-    assert len(found) == 1
+    assert len([warning for warning in build(scene(*changes)).warnings if all(word in warning for word in words)]) == 1
 
 
 def test_dissimilar_pairs_and_every_pair_that_a_foundation_presses_are_warned_of():

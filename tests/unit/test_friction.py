@@ -49,8 +49,7 @@ def friction(u: np.ndarray, mu: np.ndarray, direct: float = 0.0):
     force = np.column_stack((-LOAD * np.nan_to_num(mu), 0.0 * u, LOAD + 0.0 * u))
     series = {"distance": distance, "displacement": u, "friction_coefficient": mu, "upper_force": force}
     series["direct_force"] = np.outer(np.full(len(u), direct), [0.0, 0.0, 1.0])
-    run = SimpleNamespace(frames=len(u), series=series, header={}, times=1e-6 * np.arange(len(u)))
-    return friction_of(Drag(run))
+    return friction_of(Drag(SimpleNamespace(frames=len(u), series=series, header={}, times=1e-6 * np.arange(len(u)))))
 
 
 def test_every_output_reports_the_same_number(drifting, capsys):

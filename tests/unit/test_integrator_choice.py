@@ -71,8 +71,7 @@ def test_choice_and_reason():
 def test_expected_explicit_steps_are_those_of_pressed_contacts(load):
     """They bound the step to 0.9 and 0.4 of what the Rayleigh time alone would allow; the estimate is right to 15 %."""
     simulation = build(scene(asks("explicit"), ('load = "0.1 mN"', f'load = "{load}"')))
-    steps = simulation.planned_time / simulation.state.dt
-    assert simulation.plan.steps.explicit / 2 == pytest.approx(steps, rel=0.15)
+    assert simulation.plan.steps.explicit / 2 == pytest.approx(simulation.planned_time / simulation.state.dt, rel=0.15)
 
 
 UPPER = PAIR[PAIR.index("[plates.upper]") : PAIR.index("[contact]")]

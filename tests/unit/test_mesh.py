@@ -139,8 +139,7 @@ def test_place_turn_and_unit_only_enter_by_rounding():
     mesh = rock()
     body, fit = clump_from_mesh(mesh, 8)
     turn = rotation(5)
-    moved = Mesh(1e-3 * (mesh.vertices @ turn.T + (5.0, -3.0, 2.0)), mesh.faces, "moved")
-    other, again = clump_from_mesh(moved, 8)
+    other, again = clump_from_mesh(Mesh(1e-3 * (mesh.vertices @ turn.T + (5.0, -3.0, 2.0)), mesh.faces, "moved"), 8)
     assert other.volume == pytest.approx(1e-9 * body.volume, rel=1e-11)
     assert other.inertia == pytest.approx(1e-15 * body.inertia, rel=1e-11)
     # Samples lie in the principal frame, whose axes the new place may turn by half: the same within least squares.
@@ -182,8 +181,7 @@ def test_radius_of_curvature_of_an_ellipsoid():
     mesh = ellipsoid(ELLIPSOID, 4)
     corners = np.random.default_rng(2).choice(len(mesh.vertices), 60, replace=False)
     # Turned, or the axes of the patches would be those of the ellipsoid and the mixed term of the quadric zero.
-    turned = Mesh(mesh.vertices @ rotation(4).T, mesh.faces, "turned")
-    found = local_radii(turned, corners, np.random.default_rng(0))
+    found = local_radii(Mesh(mesh.vertices @ rotation(4).T, mesh.faces, "turned"), corners, np.random.default_rng(0))
     # Gaussian curvature of an ellipsoid: 1 / (abc sum x2/a4)2.
     exact = np.prod(ELLIPSOID) * (mesh.vertices[corners] ** 2 / np.array(ELLIPSOID) ** 4).sum(axis=1)
     # Patch of 0.15 to 0.2 over the least radius 0.36: fourth-order terms of a tenth at the tips, far less elsewhere.

@@ -201,8 +201,7 @@ def test_states_are_stacked_in_their_colours_and_energy_lines_are_the_ledger(run
     assert [collection.get_label() for collection in axes.collections] == ["sticking", "sliding", "rolling"]  # none was free
     for collection in axes.collections:
         below = below + run.series[f"fraction_{collection.get_label()}"][1:]
-        heights = np.unique(collection.get_paths()[0].vertices[:, 1])
-        assert np.isin(np.round(below, 9), np.round(heights, 9)).all()
+        assert np.isin(np.round(below, 9), np.round(np.unique(collection.get_paths()[0].vertices[:, 1]), 9)).all()
         assert to_hex(collection.get_facecolor()[0]).upper() == STATE_COLORS[collection.get_label()]
     np.testing.assert_allclose(below, 1.0, rtol=1e-12)
     assert re.search(r"8 bodies: at the end all rolling", axes.get_title(loc="left"))

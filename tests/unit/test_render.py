@@ -186,8 +186,7 @@ def test_numbers_with_units_and_colours():
     # colours
     assert state_colors(["sliding", "free"]) == [STATE_COLORS["sliding"], STATE_COLORS["free"]]
     assert len(set(state_colors(["free", "tipping", "locked"]))) == 3
-    ends = field_colors(np.array([0.0, 1.0, np.nan]))
-    assert ends.tolist() == [[68, 1, 84], [253, 231, 37], [215, 215, 215]]
+    assert field_colors(np.array([0.0, 1.0, np.nan])).tolist() == [[68, 1, 84], [253, 231, 37], [215, 215, 215]]
     assert len(set(category_colors(10))) == 10 and category_colors(11)[10] == category_colors(10)[1]
 
 

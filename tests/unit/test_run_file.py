@@ -255,8 +255,7 @@ def wide_frame(number: int) -> Frame:
 @pytest.mark.full(kind="slow")
 def test_a_kill_while_an_index_grows_by_a_node_leaves_the_committed_frames(tmp_path, notes_of):
     """A node is split: half of its entries, of frames committed long ago, move to a new one that the one above names first."""
-    static = {"spheres": {"radius": np.ones(BODIES)}, "clumps": {"id": np.arange(BODIES)}}
-    notes = notes_of(520, static, wide_frame)
+    notes = notes_of(520, {"spheres": {"radius": np.ones(BODIES)}, "clumps": {"id": np.arange(BODIES)}}, wide_frame)
     seen, growing = set(), set()
     for report, place, data in notes:
         if data is not None and data[:4] == b"TREE":

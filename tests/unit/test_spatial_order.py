@@ -212,8 +212,7 @@ def spheres(n, box, seed, each=1):
     S[:, : sphere.RADIUS] = rng.uniform(0.0, 1.0, (n, 3)) * box
     S[:, sphere.RADIUS] = rng.uniform(0.2, 1.0, n) * LARGEST
     S[0, sphere.RADIUS] = LARGEST
-    side = np.where(rng.uniform(size=n) < 0.1, ONLY_LOWER, EVERYTHING).astype(np.int8)
-    return S, Spheres(np.arange(n) // each, side)
+    return S, Spheres(np.arange(n) // each, np.where(rng.uniform(size=n) < 0.1, ONLY_LOWER, EVERYTHING).astype(np.int8))
 
 
 def gaps_found(S, of, box, periodic, room):

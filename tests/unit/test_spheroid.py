@@ -137,8 +137,7 @@ def test_a_heading_lays_the_long_axis_in_one_direction():
         free = populate(parsed(f"axial_ratio = 0.5\nspheres = {spheres}", count=4), [])
         # only the rotation about z differs: same height, same inclination of the axis
         assert np.array_equal(free.positions[:, 2], placed.positions[:, 2])
-        inclined = [matrix_from_quaternion(q)[2, 0] for q in free.quaternions]
-        assert axes[:, 2] == pytest.approx(inclined, abs=1e-12)
+        assert axes[:, 2] == pytest.approx([matrix_from_quaternion(q)[2, 0] for q in free.quaternions], abs=1e-12)
 
 
 FAULTS = [

@@ -217,8 +217,7 @@ def test_maps_show_each_point_in_its_cell(tmp_path):
     ):  # fmt: skip
         with pytest.raises(UsageError, match=text):
             sweep.plot(**options)
-    plan = make_plan(Scene.parse(BALLS), sweep_of_python({MU: [0.1]}, {}), tmp_path / "new")
-    save_plan(plan, tmp_path / "new")
+    save_plan(make_plan(Scene.parse(BALLS), sweep_of_python({MU: [0.1]}, {}), tmp_path / "new"), tmp_path / "new")
     with pytest.raises(InputError, match="no point is done"):
         Sweep(tmp_path / "new").plot()
 
