@@ -13,7 +13,6 @@ from thirdbody.engine import explicit
 from thirdbody.errors import Interrupted
 from thirdbody.runner.resume import prepare_resume
 from thirdbody.runner.simulate import execute, prepare
-
 from .test_resume import check_in_pieces
 
 SHEARED = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"

@@ -8,7 +8,6 @@ from steel import HOT_STEEL, STEEL
 import thirdbody
 from thirdbody.kernels.tables import UPPER
 from thirdbody.runner.simulate import prepare
-
 from .test_resume import check_in_pieces
 
 NONE, WAVES = {"plates.contact": None}, {"long": "14 um", "short": "7 um"}

@@ -37,7 +37,6 @@ from thirdbody.studies.cost_runs import Bench, Overdue, VariantRuns, repeats_of
 from thirdbody.studies.point import DONE, INTERRUPTED, Point, PointResult, run_point
 from thirdbody.studies.timing import NUDGE, Late, bare, nudge, slower, timing
 from thirdbody.studies.variants import Costs
-
 from .test_cost import EXPLICIT, IMPLICIT, SCENE, TWO, ladder, made, outcome  # noqa: F401
 
 

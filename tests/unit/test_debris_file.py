@@ -108,7 +108,7 @@ def test_a_quaternion_and_an_orientation_turn_a_body_about_its_centre_of_mass(pl
     assert plain == pytest.approx([4e-6, 3e-6, 0.0], abs=1e-18) and turned == pytest.approx(matrix_from_quaternion(q) @ plain)
 
 
-def test_csv_and_npz_say_the_same_and_a_layer_takes_the_shapes_in_turn(placed):
+def test_csv_and_npz_say_the_same_and_a_layer_takes_the_shapes_alone(placed):
     extra = {1: "1,0,0,0,1,2,3,-1,0,5", 3: "0.6,0,0.8,0,4,5,6,7,8,9", 9: "0,1,0,0,0,0,0,0,0,2"}
     head = PLAIN.splitlines()[0] + ",qw,qx,qy,qz,vx [mm/s],vy [mm/s],vz [mm/s],wx [1/s],wy [rad/s],wz [1/s]\n"
     lift = [(c, x, y, z + 20, r) for c, x, y, z, r in SPHERES]
@@ -134,9 +134,6 @@ def test_csv_and_npz_say_the_same_and_a_layer_takes_the_shapes_in_turn(placed):
     diameters = [body.diameter for body in bodies.clumps]
     assert min(diameters) >= 6e-6 and max(diameters) <= 9e-6 and len(set(diameters)) == 6
     assert [len(body.radii) for body in bodies.clumps] == [1, 2, 3] * 2
-
-
-def test_what_a_placement_does_not_use_is_reported(placed):
     q = [turn((0, 0, 1), 0.3)] * 3
     bodies, warnings, _ = placed(arrays(quaternion=q, velocity=np.ones((3, 3))), 'placement = "layer"')
     assert warnings == ['b.npz: its quaternions and velocities are not used: placement = "layer" takes the shapes only']

@@ -246,7 +246,7 @@ def test_it_agrees_with_another_programme_on_random_slopes_and_between_planes_wi
     assert {POSSIBLE, IMPOSSIBLE} == set(verdicts)
 
 
-def test_two_spots_stick_if_their_line_lies_in_both_cones():
+def test_two_spots_stick_if_their_line_lies_in_both_cones_and_open_where_a_plate_falls_away():
     """Eqs. 16 and 19 on slopes: the line of both spots leans by `lean`; the cone of the lower one by its plate's slope."""
     for lean, slope in itertools.product((0.1, 0.3), (-0.2, 0.0, 0.15)):
         points = [(lean, 0.0, 1.0), (-lean, 0.0, -1.0)]
@@ -263,10 +263,7 @@ def test_two_spots_stick_if_their_line_lies_in_both_cones():
             body.friction[1:] = 1.0
             assert can_slide(body, ALONG_X, True, np.full(3, RIGID)) == verdict
             assert can_slide(body, ALONG_X, False, np.full(3, RIGID)) == IMPOSSIBLE  # the feet grip more
-
-
-def test_a_spot_whose_plate_falls_away_opens_unless_its_overlap_lasts():
-    """Two spots above: the plate falls away from one as it slides, and the other alone cannot hold the body."""
+    # two spots above: the plate falls away from one as it slides, and the other alone cannot hold the body
     points = [(1.0, 0.0, 0.5), (-1.0, 0.0, 0.5), (0.2, 0.0, -0.5), (-0.2, 0.0, -0.5)]
     body = support(points, [(0.0, 0.0), (-0.05, 0.0), (0.0, 0.0), (0.0, 0.0)], 0.1, [True, True, False, False])
     body.friction[2:] = 1.0

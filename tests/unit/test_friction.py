@@ -27,7 +27,6 @@ from thirdbody.runner.verdicts import ending_warnings, step_words
 from thirdbody.trajectory.drag import Drag
 from thirdbody.trajectory.friction import _verdict, change_and_error, friction_of
 from thirdbody.trajectory.summary import energy_verdict, run_summary
-
 from .test_plot import LOAD, stroke, write
 
 FRAMES = 41

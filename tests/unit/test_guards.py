@@ -65,7 +65,7 @@ def test_travel_a_place_that_is_not_a_number_and_leaving_the_domain():
     assert simulation.state.D[limits.FLOOR] == -1e-3  # one radius below the plate
 
 
-def test_energy_that_comes_from_nowhere():
+def test_energy_that_comes_from_nowhere_and_a_quaternion_that_is_no_rotation():
     # a guard of the energy balance judges twice where forces may jump, once where they cannot
     state = balls().state
     ledger = Ledger(state)
@@ -86,9 +86,6 @@ def test_energy_that_comes_from_nowhere():
     for factor in (1.2, 1.0 / 1.2) * 3:
         row[body.VELOCITY] *= factor
         guard.check(simulation.state)
-
-
-def test_a_quaternion_that_is_no_rotation():
     state = balls().state
     for factor in (1.0 + 2e-6, 1.0 - 2e-6, math.nan):
         state.bodies.quaternion[1] = (factor, 0.0, 0.0, 0.0)

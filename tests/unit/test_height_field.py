@@ -134,7 +134,7 @@ def test_radius_and_gradient_go_smoothly_across_a_border_between_cells(field):
     assert np.trapezoid(gradient, x) == pytest.approx(log_radius[-1] - log_radius[0], abs=1e-4 * ramp * cell * largest)
 
 
-def test_curvature_of_a_crest_and_of_a_valley():
+def test_curvature_of_crests_and_valleys_a_plane_of_zeros_and_a_shift_by_a_period():
     length, depth, cells = 8e-6, 0.1e-6, 64
     x = np.arange(cells) * length / cells
     wave = np.repeat(depth * np.cos(2.0 * math.pi * x / length)[:, None], 4, 1)
@@ -145,9 +145,6 @@ def test_curvature_of_a_crest_and_of_a_valley():
         assert (foot.x, foot.y) == pytest.approx((0.0, 0.0), abs=1e-18)
         assert foot.distance == pytest.approx(1e-6 - sign * depth, rel=1e-8)  # spline of a wave with 64 nodes
         assert r_eff == pytest.approx(RADIUS / math.sqrt(1.0 + sign * k * RADIUS), rel=1e-4)  # (2 pi/64)^2/12
-
-
-def test_a_field_of_zeros_is_exactly_a_plane_and_a_shift_by_a_period_changes_no_bit():
     field = height_field.pack_field(np.zeros((5, 7)), 3e-6, 4e-6)
     for x, y, z in np.random.default_rng(4).uniform(-1e-5, 1e-5, (20, 3)):
         foot, r_eff, _, gradient, turning = foot_of(field, (x, y, z), 1.3e-6, -1.9e-6)

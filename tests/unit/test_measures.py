@@ -41,7 +41,7 @@ def kernel(name, step, **options):
     return plain(measure.kernel)(step, measure.mix(PAIR, given))
 
 
-def test_flash_temperature_of_a_steel_spot_and_its_warning():
+def test_flash_temperature_of_a_steel_spot_and_wear_by_both_laws():
     """Section 16: 1.2 K for a steel sphere of 10 um at 1 m/s and 0.5 mN, friction 0.3; told to two digits there. Contact radius
     of Hertz: a^3 = 3 F R/(4 E*), E* of steel on steel 210 GPa/(2 (1 - 0.09))."""
     a = (3.0 * 5e-4 * 10e-6 / (4.0 * 210e9 / (2.0 * 0.91))) ** (1.0 / 3.0)
@@ -60,9 +60,6 @@ def test_flash_temperature_of_a_steel_spot_and_its_warning():
     for largest, words in ((0.9, None), (2.0, "between"), (9.0, "a fast source")):
         texts = MEASURES["flash_temperature"].warnings({"peclet_number": largest})
         assert (words is None) == (not texts) and all(words in text for text in texts)
-
-
-def test_wear_by_both_laws_and_its_units():
     step = contact(load=2e-3, slip=3e-9, friction_work=1.1e-12)
     assert kernel("wear", step, plates=5e-15, bodies=7e-15) == pytest.approx((7e-15 * 6e-12, 5e-15 * 6e-12, 1.1e-12), rel=1e-14)
     by_energy = kernel("wear", step, plates=5e-15, bodies=7e-15, law="energy")

@@ -162,7 +162,7 @@ def test_the_same_seed_gives_the_same_clump(coarse):
     assert first.radii.tolist() != other.radii.tolist()
 
 
-def test_distances_of_balls_and_of_a_crease():
+def test_distances_of_balls_and_of_a_crease_and_the_curvature_of_an_ellipsoid():
     mesh = ellipsoid((1.0, 1.0, 1.0), 4)
     there, back = distances(mesh, np.zeros((1, 3)), np.array([0.8]), np.random.default_rng(1))
     # Facets of the finer ball lie up to 0.0011 inside it.
@@ -175,9 +175,6 @@ def test_distances_of_balls_and_of_a_crease():
     # The middle is nearest to the circle where the spheres meet, here by samples: at most their spacing too far.
     assert 0.6 <= found[0] < 0.61
     assert found[1:] == pytest.approx([0.8, 1.2], rel=1e-12)
-
-
-def test_radius_of_curvature_of_an_ellipsoid():
     mesh = ellipsoid(ELLIPSOID, 4)
     corners = np.random.default_rng(2).choice(len(mesh.vertices), 60, replace=False)
     # Turned, or the axes of the patches would be those of the ellipsoid and the mixed term of the quadric zero.

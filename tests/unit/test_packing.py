@@ -128,7 +128,7 @@ def built(first, second, side="25 um"):
     return populate(scene, warnings), warnings
 
 
-def test_dense_populations_are_mixed():
+def test_dense_populations_are_mixed_and_have_their_heights():
     placed, warnings = built('placement = "dense"\nsolid_fraction = 0.45', 'placement = "dense"')
     centres, radii, _ = spheres_of(placed.clumps, placed.positions, placed.quaternions)
     top = (centres[:, 2] + radii).max()
@@ -138,9 +138,6 @@ def test_dense_populations_are_mixed():
     heights = placed.positions[:, 2] / top
     # of 30 places over the bed the mean scatters by sqrt(1/12/30) = 0.05: two layers one over the other would be 0.5 apart
     assert abs(heights[:30].mean() - heights[30:].mean()) < 0.2
-
-
-def test_heights_of_dense_and_dilute_debris():
     placed, warnings = built('placement = "dense"\nheight = "18 um"', 'placement = "dense"\nheight = "18 um"')
     centres, radii, _ = spheres_of(placed.clumps, placed.positions, placed.quaternions)
     assert 0.97 * 18e-6 < (centres[:, 2] + radii).max() <= 18e-6

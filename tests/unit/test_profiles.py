@@ -311,7 +311,7 @@ def flow(along, angle=0.3):
     return along[:, None] * [math.cos(angle), math.sin(angle), 0.0] + [0.4, -0.1, 0.05]
 
 
-def test_plane_couette_flow_is_exact_and_a_band_found_where_it_is():
+def test_shear_zones_of_couette_flow_of_a_band_and_of_two_blocks_that_slide():
     (z, mass), rate = bed_of_points(), SPEED / HEIGHT
     low, high = (np.average(z[end], weights=mass[end]) for end in (z <= z[0] + DIAMETER, z >= z[-1] - DIAMETER))
     edges = [low + fraction * (high - low) for fraction in (EDGE, 1.0 - EDGE)]
@@ -325,9 +325,6 @@ def test_plane_couette_flow_is_exact_and_a_band_found_where_it_is():
     # plateaus and the band are straight lines: only the neighbours of an edge are interpolated
     assert zone.rate == pytest.approx(SPEED / (top - bottom), rel=1e-9)
     assert [zone.bottom, zone.top] == pytest.approx([33e-6, 57e-6], rel=1e-9)
-
-
-def test_two_blocks_that_slide_shear_over_one_diameter():
     z, mass = bed_of_points()
     zone = shear_zone(z, flow(np.where(z > 0.37 * HEIGHT, SPEED, 0.0)), mass, DIAMETER)
     assert zone.rate == pytest.approx(SPEED / DIAMETER, rel=1e-12)

@@ -151,7 +151,7 @@ def surface_of(text):
     return plate_surfaces(thirdbody.Scene.parse(SCENE.format(debris=LAYER, surface=text)))["lower"]
 
 
-def test_a_sphere_touches_a_wave_where_the_closed_form_says():
+def test_a_sphere_touches_a_wave_where_the_closed_form_says_and_a_layer_lies_on_it():
     """The largest of cosine plus circle; 1e-5 of the amplitude is the error of the spline through 32 points of a wave."""
     surface, k = surface_of(A_WAVE), 2.0 * math.pi / 20e-6
     for x, radius in ((0.0, 3e-6), (10e-6, 3e-6), (10e-6, 2e-5), (5e-6, 1e-6)):
@@ -159,9 +159,6 @@ def test_a_sphere_touches_a_wave_where_the_closed_form_says():
         exact = float(np.max(1e-6 * np.cos(k * (x + t)) + np.sqrt(radius**2 - t**2)))
         found = dilation(surface, np.array([[x, 3.3e-5], [x + 1e-4, -1e-6]]), np.array([radius, radius]))
         np.testing.assert_allclose(found, exact, atol=1e-11)
-
-
-def test_a_layer_lies_on_the_rough_plate_and_its_bodies_do_not_overlap():
     scene = thirdbody.Scene.parse(SCENE.format(debris=LAYER, surface='{rms = "0.5 um", long = "20 um", short = "4 um"}'))
     surfaces = plate_surfaces(scene)
     placed = populate(scene, [], surfaces)

@@ -221,7 +221,7 @@ TAIL = """
 BALL = '[[debris]]\nkind = "spheres"\nmaterial = "steel"\nradius = "1 um"\ncount = 1\n'
 
 
-def test_tables_of_too_many_rows_are_refused_before_they_are_split(tmp_path):
+def test_tables_of_too_many_rows_are_refused_and_faults_by_the_thousand_counted(tmp_path):
     n = 1_000_001
     np.savez_compressed(tmp_path / "b.npz", center=np.zeros((n, 3)), radius=np.zeros(n), clump=np.zeros(n, int))
     with pytest.raises(InputError, match="center: has 1000001 rows, at most 1000000 spheres are read from one file"):
@@ -233,9 +233,6 @@ def test_tables_of_too_many_rows_are_refused_before_they_are_split(tmp_path):
     scene = Scene.parse(STEEL + BALL + TAIL, folder=tmp_path)
     with pytest.raises(InputError, match="is too large: at most 1000000 rows and 100 MB are read"):
         rows_of(scene, ("plates", "upper", "motion", "x", "table"), "m.csv", "displacement", "length")
-
-
-def test_values_that_are_wrong_by_the_thousand_and_too_many_tables_are_counted(tmp_path):
     n = 5000
     np.savez(tmp_path / "b.npz", center=np.full((n, 3), np.nan), radius=np.zeros(n), clump=np.zeros(n, int))
     with pytest.raises(InputError) as report:

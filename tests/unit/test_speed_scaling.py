@@ -45,7 +45,7 @@ def read(tmp_path):
     return scene
 
 
-def test_the_plate_takes_the_same_path_in_another_time(read):
+def test_the_plate_takes_the_same_path_in_another_time_and_distances_stay(read):
     for motion, axis, factor in itertools.product(MOTIONS.values(), "xy", (1.0 / 3.0, 84.0)):
         given = read(f'load = "2 mN"\nmotion = {{{axis} = {motion}}}')
         before, after = schedule(given, SETTLED), schedule(at_speed(given, factor), SETTLED)
@@ -65,9 +65,6 @@ def test_the_plate_takes_the_same_path_in_another_time(read):
         before, after = schedule(given, SETTLED).load, schedule(at_speed(given, factor), SETTLED).load
         for t in TIMES:
             assert at_time(after, SETTLED + t / factor) == pytest.approx(at_time(before, SETTLED + t), rel=1e-9)
-
-
-def test_lengths_in_time_are_divided_and_distances_stay(read):
     moving = 'load = "2 mN"\nmotion = {x = {velocity = "1 m/s"}}'
     timed = at_speed(read(moving), 4.0)
     assert (timed.solver.duration, timed.output.every) == (1e-6, 0.25e-6)

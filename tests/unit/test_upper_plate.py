@@ -292,7 +292,7 @@ def table_scene(folder, rows, more=""):
     return Scene.load(folder / "scene.toml")
 
 
-def test_a_table_of_loads_right_and_wrong(tmp_path):
+def test_loads_of_a_table_and_of_the_scene_right_and_wrong(tmp_path):
     given = table_scene(tmp_path, "time (us), load (mN)\n0, 2\n1, 4\n3, 0\n")
     assert factors(given, 0.0, [0.5e-6, 1e-6, 2e-6, 5e-6]) == pytest.approx([1.5, 2.0, 1.0, 0.0], rel=1e-9, abs=1e-12)
     fast = table_scene(tmp_path, "time (us), load (mN)\n0, 2\n1, 4\n", ", speed = 10")
@@ -305,9 +305,6 @@ def test_a_table_of_loads_right_and_wrong(tmp_path):
         with pytest.raises(InputError, match="plates.upper.loading.table") as caught:
             schedule(table_scene(tmp_path, f"time (us), {rows}"), 0.0)
         assert message in str(caught.value)
-
-
-def test_wrong_loads_are_refused_and_good_ones_survive_writing():
     for loading, message in (
         ('{load = "-1 N"}', "plates.upper.loading.load"), ('[{lode = "1 N"}]', "did you mean 'load'"),
         ("[]", "the list of stages is empty"), ('[{load = "1 N", duration = "0 s"}]', "duration"),
