@@ -188,7 +188,7 @@ def test_summits_get_sharper_with_angularity_and_the_aspect_stays():
     assert values[0] > values[1] > values[2]
     # Corners that planes touch alone would be about (1 - c)/(1 + c) < 0.4 of the core; some planes still meet the core.
     assert values[2] < 0.8 * values[0]
-    assert spans[2] == pytest.approx(spans[0], abs=0.15)  # the blur of the aspect, as in test_aspect_shows
+    assert spans[2] == pytest.approx(spans[0], abs=0.15)  # the blur of the aspect, as in test_irregular_clumps
 
 
 UPPER = 'support = "load_per_particle"\nload = "0.1 mN"\nmotion = {{x = {{velocity = "-0.01 m/s"}}{motion}}}\n{more}'

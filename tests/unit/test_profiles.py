@@ -166,7 +166,7 @@ def rolled(tmp_path_factory):
         yield run
 
 
-def test_a_run_records_profiles_of_balls_that_reach_the_velocities_of_the_plates(rolled):
+def test_a_run_records_profiles_of_balls_that_roll_also_in_tables_and_pictures(rolled, tmp_path):
     found, frames = rolled.profiles, rolled.frames
     assert found["velocity"].shape == (frames, 8, 3) and found["contact_stress"].shape == (frames, 8, 3, 3)
     assert rolled.units["contact_stress"] == "Pa" and rolled.header["profiles"] == {"bins": 8, "axis": "z"}
@@ -181,9 +181,6 @@ def test_a_run_records_profiles_of_balls_that_reach_the_velocities_of_the_plates
         # the ball vibrates about rolling by a fraction of a per cent of the speed
         expected = 0.5 * (gap / 2.0 + (moment / volume)[0]) / gap
         assert rolled.profiles["velocity"][k, :, 0] == pytest.approx(expected, abs=0.01 * 0.5)
-
-
-def test_profiles_go_into_tables_and_pictures(rolled, tmp_path):
     rolled.export(csv=tmp_path / "tables", frame=3)
     with open(tmp_path / "tables" / "profiles.csv", newline="") as file:
         rows = list(csv.DictReader(file))

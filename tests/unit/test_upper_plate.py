@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from types import SimpleNamespace
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from theory.plain import plain
 from thirdbody.assembly.integrator import inertial_number
 from thirdbody.assembly.schedule import schedule, why_swings
 from thirdbody.assembly.simulation import build
-from thirdbody.engine.explicit import _pressed
+from thirdbody.engine.explicit import _contact_bounds
 from thirdbody.engine.upper_plate import Schedule, Segment
 from thirdbody.errors import InputError
 from thirdbody.kernels.schedule import POLYNOMIAL, SINE, TRIANGLE, next_corner
@@ -276,8 +277,11 @@ def test_stages_follow_each_other_the_last_load_stays_and_the_largest_is_foresee
         assert schedule(read(STAGES), 0.0).largest_load(start, end) == pytest.approx(largest, rel=1e-9, abs=1e-9)
     # until the next bound, since steps may grow: 1.5 horizons
     P, upper = np.full((1, patch.WIDTH), 2.0), SimpleNamespace(schedule=schedule(read(STAGES), 0.0))
-    state = SimpleNamespace(P=P, time=3e-6, world=SimpleNamespace(upper=upper))
-    assert [_pressed(state, t)[0, patch.LOAD] for t in (0.6e-6, 0.7e-6)] == pytest.approx([2.0, 2e4], rel=1e-9)
+    state = mock.Mock(P=P, time=3e-6, world=SimpleNamespace(upper=upper))
+    for horizon, load in ((0.6e-6, 2.0), (0.7e-6, 2e4)):
+        with mock.patch("thirdbody.engine.explicit.limits.Assembly", side_effect=KeyError) as given, pytest.raises(KeyError):
+            _contact_bounds(state, horizon, 0.3)
+        assert given.call_args.args[11][0, patch.LOAD] == pytest.approx(load, rel=1e-9)
     P = np.zeros((3, patch.WIDTH))  # what is carried at the end: two patches with a preload on the springs of a common plate
     P[:, patch.FREE], P[:, patch.LOAD], P[2, patch.NOMINAL_LOAD], P[:2, patch.SPRING] = 1.0, (3.0, 3.0, 10.0), 10.0, 5.0
     loop = SimpleNamespace(series={"upper_force": (0, 0, 11.0), "direct_force": (0, 0, 1.0)}, maker=SimpleNamespace(interval=2.0))
