@@ -293,7 +293,9 @@ def test_adhesion_that_crushes_alone_is_told_without_a_load_below_zero():
 
 
 def test_no_more_bodies_are_expected_in_an_island_than_there_are(monkeypatch):
-    monkeypatch.setattr("thirdbody.engine.islands._island_sizes", lambda _: np.array([150]))
+    monkeypatch.setattr("thirdbody.engine.islands.search_pairs", lambda *_: (np.arange(149), np.arange(1, 150)))  # a chain of all
     world, spheres = SimpleNamespace(debris_meets=True, size=(1.0, 1.0)), SimpleNamespace(radius=np.ones(150))
-    found = expected_islands(SimpleNamespace(n_bodies=150, world=world, spheres=spheres, rayleigh_radius=np.ones(150)))
+    ones, body = np.ones(150), np.arange(150)
+    state = SimpleNamespace(n_bodies=150, world=world, spheres=spheres, rayleigh_radius=ones, body=body)
+    found = expected_islands(state)
     assert found.mean == found.largest == 150
