@@ -9,7 +9,6 @@ from collections import namedtuple
 from pathlib import Path
 
 import numpy as np
-
 import thirdbody
 from thirdbody.palette import INK, LINE_COLORS
 
@@ -53,14 +52,12 @@ def core(run: thirdbody.Run, frame: int, area: float) -> tuple[np.ndarray, float
 
 
 def error_of_mean(values: np.ndarray, blocks: int = 6) -> float:
-    means = [block.mean() for block in np.array_split(values, blocks)]
-    return float(np.std(means, ddof=1) / np.sqrt(blocks))
+    return float(np.std([block.mean() for block in np.array_split(values, blocks)], ddof=1) / np.sqrt(blocks))
 
 
 def speeds(run: thirdbody.Run) -> list[np.ndarray]:
     """Return the frames at each speed of the upper plate, without those of the first part of the distance."""
-    distance = run.series["distance"]
-    speed = np.diff(distance) / np.diff(run.times)
+    speed = np.diff(run.series["distance"]) / np.diff(run.times)
     steady = [k for k in range(2, run.frames - 1) if abs(speed[k - 1] / speed[k] - 1.0) < 1e-6]
     groups = np.split(np.array(steady), np.flatnonzero(np.abs(np.diff(speed[steady]) / speed[steady][:-1]) > 1e-3) + 1)
     return [group[round(SKIPPED * len(group)) :] for group in groups if len(group) > 8]
@@ -69,8 +66,7 @@ def speeds(run: thirdbody.Run) -> list[np.ndarray]:
 def shear(run: thirdbody.Run, frames: np.ndarray, area: float) -> Shear:
     stresses, rates, *rest = (np.array(values) for values in zip(*(core(run, k, area) for k in frames), strict=True))
     fractions, coordination, overlap = rest
-    spheres = run.spheres(int(frames[0]))
-    diameter = 2.0 * np.median(spheres["radius"])
+    diameter = 2.0 * np.median(run.spheres(int(frames[0]))["radius"])
     body = run.bodies(int(frames[0]))
     density = np.median(body["mass"] / (np.pi / 6.0 * body["diameter"] ** 3))
     force = run.series["upper_force"][frames]

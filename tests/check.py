@@ -2,8 +2,6 @@
 
 The default runs the tests that need minutes in all, `--full` runs every test (`.ci/full` prepares a machine for it)."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,4 @@
-"""For all tests: the command line called as a user calls it; no deadline of the clock for the examples of hypothesis, since
-others may use the cores."""
-
-from __future__ import annotations
+"""For all tests: the command line as a user calls it; hypothesis without deadlines, since others may use the cores."""
 
 import fcntl
 import os
@@ -14,7 +11,6 @@ import pytest
 import trimesh
 from hypothesis import HealthCheck, settings
 from shared_runs import SHARED
-
 import thirdbody
 
 APPROX = pytest.approx

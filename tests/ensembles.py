@@ -2,7 +2,6 @@
 
 from shared_runs import PATH, PLATES, clumps
 from trajectories import contents
-
 import thirdbody
 
 SCENE = clumps(7, '["300 um", "200 um"]') + PLATES + '[contact]\ndebris_contact = "none"\n'

@@ -98,8 +98,7 @@ def _feasible(grasp, rays):
     count, edges = rays.shape[:2]
     arms = grasp.points - grasp.points.mean(axis=0)
     size = max(float(np.max(np.abs(arms))), np.finfo(np.float64).tiny)  # lengths and forces of order 1 for the solver
-    moments = np.cross(arms[:, None, :] / size, rays)
-    wrench = np.concatenate([rays, moments], axis=2).reshape(count * edges, 6).T
+    wrench = np.concatenate([rays, np.cross(arms[:, None, :] / size, rays)], axis=2).reshape(count * edges, 6).T
     pressed = np.repeat(grasp.pressed.astype(np.float64), edges)
     rotation = grasp.moment - np.cross(grasp.points.mean(axis=0), grasp.force)
     right = np.concatenate([-grasp.force / grasp.load, -rotation / (grasp.load * size), [1.0]])

@@ -19,7 +19,6 @@ import load_sharing
 import shape_map
 from pages import ROOT
 from PIL import Image, PngImagePlugin
-
 import thirdbody
 from thirdbody.units import GLUE, MINUS, percent, quantity_text, with_error
 
@@ -122,8 +121,7 @@ def results(folder: Path) -> dict[str, Any]:
 def sweep_results(folder: Path) -> dict[str, Any]:
     if not folder.is_dir():
         return {}
-    sweep = thirdbody.Sweep(folder)
-    table = sweep.to_pandas()
+    table = thirdbody.Sweep(folder).to_pandas()
     done = int((table["status"] == "done").sum())
     texts = {"points": f"{len(table)}, {'all' if done == len(table) else done} done"}
     if folder.name == "shape_against_friction":
@@ -136,8 +134,7 @@ def sweep_results(folder: Path) -> dict[str, Any]:
     elif folder.name == "friction_against_pressure":
         texts |= load_sharing.texts(load_sharing.read_sweep(folder))
     else:
-        groups = table.groupby("pairs.0.friction")["fraction_rolling"].agg(["mean", "sem"])
-        for mu, row in groups.iterrows():
+        for mu, row in table.groupby("pairs.0.friction")["fraction_rolling"].agg(["mean", "sem"]).iterrows():
             texts[f"rolling at friction {mu:g}"] = f"{100.0 * row['mean']:.0f} ± {100.0 * row['sem']:.1f} %"
     return texts | {"energy residual": f"at most {table['energy_residual'].max():.0e} of the work".replace("e-0", "e-")}
 

@@ -10,7 +10,6 @@ from itertools import groupby
 
 from gallery import gallery
 from pages import ROOT, pages
-
 from thirdbody.errors import EXIT_CODES
 from thirdbody.laws.registry import discover
 from thirdbody.report.reference import KEY_HEADINGS, NAME_HEADINGS, all_keys, all_names, key_rows, name_rows

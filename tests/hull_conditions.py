@@ -45,8 +45,7 @@ def difference_hull(upper, lower):
 def hull_distance(upper, lower):
     """Distance of the two hulls [m]; 0 where they meet."""
     corners = difference_hull(upper, lower)
-    ends = np.roll(corners, -1, axis=0)
-    side = ends - corners
+    side = np.roll(corners, -1, axis=0) - corners
     left = corners[:, 0] * side[:, 1] - corners[:, 1] * side[:, 0] >= 0.0  # the origin lies left of a side
     # the box: of collinear spots up to round-off, the hull is a sliver, and its whole line may count as left of every side
     if len(corners) > 2 and np.all(left) and np.all((corners.min(axis=0) <= 0.0) & (corners.max(axis=0) >= 0.0)):

@@ -6,7 +6,6 @@ import math
 import numpy as np
 from theory.plain import plain
 from thirdbody_three_spot import classify as c
-
 from thirdbody import plugin as k
 from thirdbody.plugin import loaded_contact as spot_row
 from thirdbody.plugin import observed_body as body_row
@@ -134,6 +133,10 @@ class Rig:
 
     def has(self, state, reason):
         assert self.label() == (state, reason)
+        return self
+
+    def shows(self, **values):
+        assert {name: self.last[name] for name in values} == values
         return self
 
     @property

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from thirdbody.errors import MissingLibrary
 from thirdbody.palette import STATE_COLORS, rgb
 from thirdbody.render import elsewhere
@@ -27,8 +26,7 @@ def clump_layer(count: int, per_clump: int = 6):
     states = (1 + np.digitize(wave, [-0.6, 0.75])).astype(np.uint8)
     states[rng.random(count) < 0.04] = 0
     centers = (bodies[:, None] + offset).reshape(-1, 3)
-    owner = np.repeat(np.arange(count), per_clump)
-    return centers, radii.ravel(), owner, bodies, states, np.array([nx, ny]) * pitch
+    return centers, radii.ravel(), np.repeat(np.arange(count), per_clump), bodies, states, np.array([nx, ny]) * pitch
 
 
 def write_layer(path, count: int, frames: int = 2, distance: float = 1.0, deep: float = 1.0, surfaces=None):

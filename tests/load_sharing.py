@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq
-
 import thirdbody
 from thirdbody.assembly.physics import compile_physics
 from thirdbody.assembly.plate_load import direct_contact

@@ -18,7 +18,6 @@ def drawn(picture: Path) -> float:
 
 
 def processor_seconds(process: int) -> float:
-    """Time that a running process, its threads and the children that it has waited for have had of the processor, s; from Linux'
-    /proc."""
+    """Processor seconds of a running process, its threads and the children that it has waited for; from Linux' /proc."""
     fields = Path(f"/proc/{process}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
     return sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")

@@ -4,7 +4,6 @@ from contextlib import contextmanager
 from unittest.mock import patch
 
 import numpy as np
-
 from thirdbody.assembly import simulation
 from thirdbody.surfaces.surface import Surface
 
@@ -12,8 +11,7 @@ from thirdbody.surfaces.surface import Surface
 def field(heights, size, cells, curvature=True):
     """The surface that has these heights at its nodes; their mean is not taken off."""
     x, y = (np.arange(n) * (length / n) for n, length in zip(cells, size, strict=True))
-    values = heights(*np.meshgrid(x, y)) + np.zeros(cells[::-1])
-    return Surface(values, size, size[0], curvature)
+    return Surface(heights(*np.meshgrid(x, y)) + np.zeros(cells[::-1]), size, size[0], curvature)
 
 
 @contextmanager

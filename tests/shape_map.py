@@ -9,7 +9,6 @@ from collections import namedtuple
 from pathlib import Path
 
 import numpy as np
-
 import thirdbody
 from thirdbody.debris.spheroid import corrugation
 from thirdbody.palette import INK, STATE_COLORS

@@ -1,7 +1,5 @@
 """Scenes whose runs many tests read: `shared_run("layer")` (conftest) runs each once in a session, for all its processes."""
 
-from __future__ import annotations
-
 import balls
 from steel import HOT_STEEL, STEEL
 

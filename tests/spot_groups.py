@@ -4,7 +4,6 @@ from collections import namedtuple
 
 import numpy as np
 from numba import njit
-
 from thirdbody.kernels.close_spots import LANES, Spots, finish_lanes, lane, solve_side, spot, sweep
 
 Loads = namedtuple("Loads", "relief force pull")  # of each spot: [m], [N], along the plate (n, 2) [N]

@@ -5,7 +5,6 @@ from dataclasses import astuple, dataclass
 from pathlib import Path
 
 import numpy as np
-
 import thirdbody
 from thirdbody.bodies.packing import projected_area
 from thirdbody.kernels.tables import DEBRIS, run_totals

@@ -1,7 +1,5 @@
 """House rules that no linter knows, read from the source: `python tests/style.py` prints each break of one, in seconds."""
 
-from __future__ import annotations
-
 import ast
 import gc
 import re
@@ -13,7 +11,6 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 SOURCE, PLUGINS = ROOT / "src" / "thirdbody", ROOT / "plugins"
 OURS, THEIRS = sorted(SOURCE.rglob("*.py")), sorted(PLUGINS.rglob("*.py"))
-TESTS = sorted((ROOT / "tests").rglob("*.py"))
 MOST_LINES, LONGEST_FUNCTION = 400, 60
 
 # -- words --
@@ -151,7 +148,6 @@ for type checkers too. The last five are doors."""
 
 FLOOR = {name: number for number, names in enumerate(FLOORS) for name in names.split()}
 
-HEAVY = set("numba vtk vtkmodules pyvista matplotlib h5py scipy pint pandas".split())
 LIGHT = {"__init__", "errors", "units", "runner.progress"}
 """Modules that start with the command, with all of cli, schema, debris, scene and system; they import nothing heavy."""
 
@@ -224,7 +220,7 @@ def upward_imports(path: Path, tree: ast.Module) -> Iterator[str]:
             here, there = floor_of(own), floor_of(other)
             if here != there and FLOOR.get(there, 99) >= FLOOR.get(here, 0):
                 yield f"{line}: {own} must not import {other}"
-    heavy = at_start(tree) & HEAVY
+    heavy = at_start(tree) & set("numba vtk vtkmodules pyvista matplotlib h5py scipy pint pandas".split())
     if (module_of(path) in LIGHT or package in ("cli", "schema", "debris", "scene", "system")) and heavy:
         yield f"1: starts with the command, must not import {sorted(heavy)}"
     if package not in COMPILED and "numba" in heavy:
@@ -287,7 +283,7 @@ def breaks() -> Iterator[str]:
         if path in OURS:
             rules.append(upward_imports(path, tree))
         yield from (f"{name_of(path)}:{line}" for rule in rules for line in rule)
-    for path in TESTS:
+    for path in sorted((ROOT / "tests").rglob("*.py")):
         yield from (f"{name_of(path)}:{line}" for line in too_long(path, parsed(path)))
     for rule in (circles, facade):
         yield from rule()

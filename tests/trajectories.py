@@ -6,7 +6,6 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-
 import thirdbody
 from thirdbody.errors import Interrupted
 from thirdbody.runner.simulate import execute, prepare

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from thirdbody.trajectory.names import BLOCKS, Frame
 from thirdbody.trajectory.writer import TrajectoryWriter
 
@@ -60,8 +59,7 @@ def expected(block: str, number: int, frame=make_frame) -> dict[str, np.ndarray]
 
 
 def vtk_blocks(path: Path, step: int) -> list:
-    vtk = pytest.importorskip("vtk")
-    reader = vtk.vtkHDFReader()
+    reader = pytest.importorskip("vtk").vtkHDFReader()
     reader.SetFileName(str(path))
     reader.UpdateInformation()
     reader.SetStep(step)

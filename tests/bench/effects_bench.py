@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from stories import Story, dragged
 from thirdbody_three_spot import PLUGIN
-
 import thirdbody
 from thirdbody.studies.timing import NUDGE
 

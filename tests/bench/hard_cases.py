@@ -13,7 +13,6 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-
 from thirdbody.engine.units import EXPLICIT, warm_up
 from thirdbody.palette import LINE_COLORS
 from thirdbody.plot.summary_page import save

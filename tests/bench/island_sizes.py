@@ -1,11 +1,11 @@
 """What does a body of an island cost? Implicit steps against the number of bodies that are solved together.
 
-    python tests/bench/island_sizes.py [--sizes N N ...] [--shapes chain 0.5 0.6 ...] [--path UM]
+    python tests/bench/island_sizes.py [--sizes N N ...] [--shapes chain 0.5 0.6 ...]
 
 The bodies of an island are solved together, in steps that are short enough for each of them: a body costs the more the larger its
 island is. An island is a *chain* of balls in a row, each a hundredth of its radius from the next, or the clumps of
 `scenes/sheared_debris.toml` in a layer that covers so much of the lower plate. The gap below which two bodies belong together is
---gap, so that nearly all do: the same motion is computed, whatever the size; of small islands several are. Told are the largest
+3 um, so that nearly all do: the same motion is computed, whatever the size; of small islands several are. Told are the largest
 island, the half width of its matrix in bodies, steps per um, microseconds per step and body, seconds per body and um, and the
 ratio to the explicit engine, extrapolated for the same bodies at 1 mm/s. The speed at which both cost the same is 1 mm/s times
 the ratio. Seconds are those of the processor, on one thread."""
@@ -17,7 +17,6 @@ from typing import Any
 
 from machine import screen
 from slow_sliding import Case, scene_of, time_explicit, warm_up
-
 import thirdbody
 from thirdbody.engine import meeting
 from thirdbody.errors import ThirdbodyError
@@ -25,9 +24,9 @@ from thirdbody.kernels.tables import run_totals
 from thirdbody.runner.simulate import prepare, set_threads
 
 SPEED, PATH, EVERY = 1e-3, 0.4e-6, 0.02e-6
-SEEDS, PATIENCE = 5, 20.0
+SEEDS, PATIENCE, NEAR = 5, 20.0, 3e-6
 """Islands of one size at most, of different bodies: in some a body chatters, with a thousand times as many steps. Processor
-seconds after which a drag ends at its next stop."""
+seconds after which a drag ends at its next stop; gap of bodies that belong together, m."""
 
 RADIUS, GAP = 5e-6, 0.01  # radius of the balls of a chain, m, and the gap between them in radii
 
@@ -60,20 +59,20 @@ def island(shape: str, bodies: int, seed: int) -> thirdbody.Scene:
     return scene_of(Case("implicit", "mindlin", SPEED, bodies, PATH, EVERY, float(shape))).with_settings({"debris.0.seed": seed})
 
 
-def measure(shape: str, bodies: int, path: float, gap: float) -> dict[str, Any]:
+def measure(shape: str, bodies: int) -> dict[str, Any]:
     seeds = 1 if shape == "chain" else max(1, min(SEEDS, 500 // bodies))
-    rows = [one(shape, bodies, path, gap, seed) for seed in range(1, seeds + 1)]
+    rows = [one(shape, bodies, seed) for seed in range(1, seeds + 1)]
     return {name: statistics.median(row[name] for row in rows) for name in rows[0]}
 
 
-def one(shape: str, bodies: int, path: float, gap: float, seed: int) -> dict[str, Any]:
+def one(shape: str, bodies: int, seed: int) -> dict[str, Any]:
     simulation = prepare(island(shape, bodies, seed), force=True)
     integrator = simulation.integrator
     set_threads(1)
-    meeting.MARGIN = 1.0 if shape == "chain" else gap / integrator.stride
+    meeting.MARGIN = 1.0 if shape == "chain" else NEAR / integrator.stride
     integrator.advance_to(simulation.settle)
     began, before, distance, wide = time.process_time(), integrator.totals[:, run_totals.STEPS].sum(), 0.0, 0
-    while distance < path - 0.5 * EVERY and time.process_time() - began < PATIENCE:
+    while distance < PATH - 0.5 * EVERY and time.process_time() - began < PATIENCE:
         distance += EVERY
         integrator.advance_to(distance=distance)
         wide = max(wide, int(integrator.islands.tables.widths.max(initial=0)))
@@ -90,8 +89,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sizes", type=int, nargs="+", default=[10, 30, 100, 300, 600, 1000, 2000])
     parser.add_argument("--shapes", nargs="+", default=["chain", "0.5"])
-    parser.add_argument("--gap", type=float, default=3.0, help="of bodies that belong together, um (default %(default)s)")
-    parser.add_argument("--path", type=float, default=1e6 * PATH, help="drag, um (default %(default)s)")
     chosen = parser.parse_args()
     console = screen()
     warm_up("implicit", "mindlin"), warm_up("explicit", "mindlin")
@@ -102,7 +99,7 @@ def main() -> None:
         console.print(f"{shape}: explicit, {explicit:.3g} s per body and um", highlight=False)
         for bodies in chosen.sizes:
             try:
-                row = measure(shape, bodies, 1e-6 * chosen.path, 1e-6 * chosen.gap)
+                row = measure(shape, bodies)
             except ThirdbodyError as error:
                 console.print(f"{shape}, {bodies}: {error}", highlight=False)
                 break

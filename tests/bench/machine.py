@@ -1,19 +1,7 @@
 """What a measurement was made on, and where it is printed."""
 
-from typing import Any
-
 from rich.console import Console
-
-from thirdbody.jit import cache
-from thirdbody.studies import timing as studies
-
-
-def machine() -> dict[str, Any]:
-    """Processor, cores that this process may use, load when asked, and versions; `sources` names the compiled sources."""
-    report = studies.machine()
-    del report["threads"]  # every benchmark tells its own
-    report["versions"]["sources"] = cache.folder().name
-    return report
+from thirdbody.studies import timing
 
 
 def screen() -> Console:
@@ -21,7 +9,6 @@ def screen() -> Console:
     return Console() if Console().is_terminal else Console(width=150)
 
 
-def head(console: Console) -> dict[str, Any]:
-    report = machine()
-    console.print(f"{studies.described(report)}, {report['cores']} cores, load {report['load']}")
-    return report
+def head(console: Console) -> None:
+    report = timing.machine()
+    console.print(f"{timing.described(report)}, {report['cores']} cores, load {report['load']}")

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 from thirdbody_effects.adhesion import ADHESION, cube_root, necks, necks_tangent
-
 from thirdbody.plugin import Plugin, helper, kernel
 
 PULL_OFF = 3.0 ** (1.0 / 3.0)  # length of a neck at its largest pull, y^3 = 3, over a_s^2/R

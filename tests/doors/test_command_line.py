@@ -1,5 +1,4 @@
-"""The command line itself: its help, short options, unknown commands, completion in shells, limits of options; what is installed
-to start from: the shipped scenes and the plug-in template, from the source tree and from a wheel."""
+"""The command line itself: its help, options, unknown commands, completion in shells; what is installed to start from."""
 
 import json
 import os
@@ -13,7 +12,6 @@ from pathlib import Path
 
 import pytest
 from portable import PATIENCE
-
 import thirdbody
 from thirdbody.cli import main, starter_files
 from thirdbody.cli.command_group import REMOVED_COMMANDS, REMOVED_OPTIONS

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-
 from thirdbody.laws.compose import ordered
 from thirdbody.laws.conformance import bench, suite
 from thirdbody.laws.conformance.suite import Finding, check, report
@@ -16,8 +15,7 @@ from thirdbody.laws.hertz import HERTZ
 from thirdbody.laws.registry import discover, load_file
 
 HERE = Path(__file__).parent
-TEMPLATE = HERE.parents[1] / "plugins" / "dmt_adhesion.py"
-OURS = discover([TEMPLATE]).laws
+OURS = discover([HERE.parents[1] / "plugins" / "dmt_adhesion.py"]).laws
 BAD = {law.name: law for family in load_file(HERE / "bad_laws.py").families for laws in family.levels.values() for law in laws}
 SLOW = pytest.mark.full(kind="slow")
 
@@ -116,7 +114,7 @@ def no_state(contacts, n, body, memory, out):
     out[0] = 7.0
 
 
-def test_faults_of_measures_effects_and_labellers():
+def test_faults_of_measures_effects_and_labellers_and_a_forgotten_comma():
     """Compiled and in Python, for one that passes all tests."""
     measure, effect = PARTS.measures["wear"], PARTS.effects["gravity"]
     assert not failed(passed := check([effect])) and {one.test for one in passed} >= {"forces", "compiled"}
@@ -130,9 +128,6 @@ def test_faults_of_measures_effects_and_labellers():
     ):
         found = failed(check([part]))
         assert found.keys() == {test} and re.search(words, found[test]), found
-
-
-def test_a_forgotten_comma_is_named():
     for make, words in (
         (lambda: Plugin("mine", effects=HERTZ), r"effects of 'mine': expected a tuple, as \(EFFECT,\), not Law"),
         (lambda: Plugin("mine", measures=(HERTZ,)), "measures of 'mine': Law .* does not belong there"),

@@ -11,7 +11,6 @@ import jsonschema
 import numpy as np
 import pytest
 from steel import scene_text
-
 import thirdbody
 from thirdbody.debris import registry as kinds_registry
 from thirdbody.debris.registry import GROUP, built_in
@@ -54,7 +53,7 @@ def test_a_kind_of_a_file_runs_and_goes_on(tmp_path, dumbbell, command):
     assert unknown.code == 3 and "debris[0].kind: 'dumbbell' is not one of 'irregular', 'spheres', " in unknown.err
 
 
-def test_its_faults_are_reported_as_those_of_built_in_kinds(tmp_path, dumbbell, command):
+def test_its_faults_are_reported_as_those_of_built_in_kinds_and_it_is_listed_with_them(tmp_path, dumbbell, command):
     (tmp_path / "scene.toml").write_text(scene('count = 0\nradius = "4 kg"\nspacing = 3\nheigth = "5 um"\nplacement = "pile"'))
     report = command("check", "scene.toml", "--plugin", dumbbell)
     lines = [line.split(": ", 1) for line in report.err.splitlines()]
@@ -67,9 +66,6 @@ def test_its_faults_are_reported_as_those_of_built_in_kinds(tmp_path, dumbbell, 
     (tmp_path / "scene.toml").write_text(scene('count = 20000000\nradius = "4 um"'))
     report = command("check", "scene.toml", "--plugin", dumbbell)
     assert "debris[0].count: the debris would have up to 4e+07 spheres" in report.err
-
-
-def test_kinds_are_listed_with_what_brings_them(dumbbell, command):
     report = command("shapes", "--list", "--plugin", dumbbell)
     assert report.code == 0 and re.search(r"^dumbbell .* Two equal spheres", report.out, re.MULTILINE)
     kinds = json.loads(command("shapes", "--list", "--plugin", dumbbell, "--json").out)["kinds"]
@@ -95,22 +91,21 @@ def test_python_takes_tables_and_objects_of_the_kind(dumbbell, tmp_path):
     assert Scene.parse(loaded.to_toml(), plugins=[dumbbell]) == loaded
 
 
-BREACHES = [
-    ("KINDS = (Dumbbell,)", "KINDS = Dumbbell", "DEBRIS_KINDS must be a tuple of classes derived from DebrisKind"),
-    ("DEBRIS_KINDS = (Dumbbell,)", "DEBRIS_KINDS = (dict,)", "dict is no class derived from DebrisKind"),
-    ('kind: Literal["dumbbell"] = "dumbbell"', "pass", 'Dumbbell has no name: declare kind: Literal["name"] = "name"'),
-    ('Literal["dumbbell"] = "dumbbell"', 'Literal["mesh"] = "mesh"', "both bring the kind of debris 'mesh'"),
-    ("(PlacedDebris)", "(DebrisKind)", ""),
-    ("range(self.count)", "range(3)", "the kind of debris 'dumbbell' gave 3 bodies for the count 5"),
-    ("return 2", "return 1 + 0 * self.count", ""),
-    ("return bodies", "return [1.0]", "the kind of debris 'dumbbell' gave no list of Clump for debris[0]"),
-]
-
-
 def test_a_kind_that_breaks_the_contract_is_refused(tmp_path, dumbbell, command):
     (tmp_path / "scene.toml").write_text(scene(GOOD))
     text = dumbbell.read_text().replace("PlacedDebris,", "PlacedDebris, DebrisKind,")
-    for k, (old, new, message) in enumerate(BREACHES):
+    for k, (old, new, message) in enumerate(
+        [
+            ("KINDS = (Dumbbell,)", "KINDS = Dumbbell", "DEBRIS_KINDS must be a tuple of classes derived from DebrisKind"),
+            ("DEBRIS_KINDS = (Dumbbell,)", "DEBRIS_KINDS = (dict,)", "dict is no class derived from DebrisKind"),
+            ('kind: Literal["dumbbell"] = "dumbbell"', "pass", 'Dumbbell has no name: declare kind: Literal["name"] = "name"'),
+            ('Literal["dumbbell"] = "dumbbell"', 'Literal["mesh"] = "mesh"', "both bring the kind of debris 'mesh'"),
+            ("(PlacedDebris)", "(DebrisKind)", ""),
+            ("range(self.count)", "range(3)", "the kind of debris 'dumbbell' gave 3 bodies for the count 5"),
+            ("return 2", "return 1 + 0 * self.count", ""),
+            ("return bodies", "return [1.0]", "the kind of debris 'dumbbell' gave no list of Clump for debris[0]"),
+        ]
+    ):
         assert old in text
         (tmp_path / f"kind{k}.py").write_text(text.replace(old, new))
         said = command("shapes", "scene.toml", "--plugin", f"kind{k}.py")
@@ -133,13 +128,11 @@ def test_installed_kinds_are_found_and_broken_ones_reported(installed, command):
         Scene.parse(scene(GOOD).replace('kind = "dumbbell"', 'kind = "broken"'))
     report = command("shapes", "--list")
     assert report.code == 0 and "'broken' (nowhere:Broken) did not load" in report.out and "dumbbell:Dumbbell" in report.out
-    schema = Scene.model_json_schema()
-    validator = jsonschema.Draft202012Validator(schema)
+    validator = jsonschema.Draft202012Validator(Scene.model_json_schema())
     assert not list(validator.iter_errors(tomllib.loads(scene(GOOD))))
     assert list(validator.iter_errors(tomllib.loads(scene(GOOD + "\nspacing = 3.0"))))
 
 
 def test_built_in_kinds_do_not_read_what_is_installed(monkeypatch):
     monkeypatch.setattr(kinds_registry, "entry_points", lambda group: pytest.fail("asked"))
-    text = scene('count = 5\nradius = "4 um"').replace('"dumbbell"', '"spheres"')
-    assert Scene.parse(text).debris[0].count == 5
+    assert Scene.parse(scene(GOOD).replace('"dumbbell"', '"spheres"')).debris[0].count == 5

@@ -8,7 +8,6 @@ import sys
 import numpy as np
 import pytest
 from shared_runs import SHARED
-
 import thirdbody
 
 # bodies that move alone, islands under a common plate, islands; the explicit step on more threads: tests/reference

@@ -1,5 +1,4 @@
-"""References are complete: keys and names of scenes and runs with examples that can be read, docstrings of the public
-interface, the generated code of a scene."""
+"""References are complete: keys and names with examples that can be read, docstrings of the public interface, generated code."""
 
 import ast
 import doctest
@@ -12,7 +11,6 @@ from each import each
 from pages import ROOT
 from pydantic import TypeAdapter
 from thirdbody_three_spot.classify import REASONS
-
 import thirdbody
 from thirdbody import errors, plugin
 from thirdbody.engine.accuracy import Accuracy
@@ -61,13 +59,10 @@ def test_every_key_has_a_meaning_and_an_example_that_can_be_read(part):
             TypeAdapter(field.rebuild_annotation()).validate_python(schema["examples"][0], context={"file": True})
 
 
-def test_options_have_a_meaning_and_an_example(registry):
+def test_options_have_a_meaning_and_a_key_of_several_tables_is_listed_once(registry):
     options = [key for key in all_keys(registry) if key.path.startswith(("contact.", "effects."))]
     assert {"contact.springs", "contact.nodes", "effects.local_damping.until", "effects.gravity"} <= {key.path for key in options}
     assert not [key.path for key in options if not (key.meaning and key.example and key.value)]
-
-
-def test_a_key_of_several_tables_is_listed_once(registry):
     keys = {(key.path, key.tables): key for key in all_keys(registry)}
     assert keys["debris.material", ()].default == "required"
     assert '"mesh"' in keys["debris.kind", ()].value
@@ -132,7 +127,6 @@ INTERNAL = {
 """Public by name, for other parts of thirdbody only."""
 DECORATORS = {"plugin.kernel", "plugin.helper"}  # made by numba; what they do stands where they are set
 LEFT = {name: thing for name, thing in PUBLIC.items() if name not in INTERNAL | DECORATORS}
-FUNCTIONS = sorted(name for name, thing in LEFT.items() if inspect.isfunction(thing) or inspect.ismethod(thing))
 
 
 def sections(docstring):
@@ -147,7 +141,7 @@ def test_everything_public_has_a_docstring_of_its_own(name):
         assert first and first.endswith((".", ":")) and len(first) <= 130, first
 
 
-@each(FUNCTIONS)
+@each(sorted(name for name, thing in LEFT.items() if inspect.isfunction(thing) or inspect.ismethod(thing)))
 def test_every_parameter_is_named_and_what_is_returned_described(name):
     signature, described = inspect.signature(LEFT[name]), sections(LEFT[name].__doc__)
     names = [parameter for parameter in signature.parameters if parameter not in ("self", "cls")]

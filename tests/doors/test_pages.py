@@ -1,5 +1,4 @@
-"""The pages of the project: blocks run, links lead somewhere, generated parts are those of the source, the English is plain;
-the cover and the gallery are of the scenes as they are."""
+"""Pages: blocks run, links lead somewhere, generated parts are of the source, the gallery of the scenes, the English is plain."""
 
 import json
 import os
@@ -16,7 +15,6 @@ from gallery import ENTRIES, RESULTS, SCENES, WIDTH, digest, header, picture
 from generated_parts import PART, PARTS, regenerated
 from pages import LANGUAGES, ROOT, Page, pages
 from PIL import Image
-
 from thirdbody.assembly.physics import law_faults
 from thirdbody.errors import InputError
 from thirdbody.laws.registry import discover
@@ -136,12 +134,9 @@ def laid_over(base, given, depth):
     return left | {key: laid_over(base.get(key), value, depth - 1) for key, value in given.items()}
 
 
-def test_every_generator_has_a_page():
+def test_every_generator_has_a_page_and_modules_that_the_page_of_the_source_names_exist():
     shown = [name for page in PAGES for _, name, _, _ in PART.findall(page.text)]
     assert sorted(shown) == sorted(PARTS)
-
-
-def test_modules_that_the_page_of_the_source_names_exist():
     packages = {path.name for path in PACKAGE.iterdir() if path.is_dir()}
     text = (ROOT / "src" / "README.md").read_text(encoding="utf-8")
     names = {name for name in re.findall(r"`([a-z_]+(?:\.[a-z_]+)*)`", text) if name.split(".")[0] in packages}
@@ -162,16 +157,13 @@ def test_spelling():
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_readme_is_short_and_its_citation_has_the_version_of_the_project():
+def test_readme_is_short_and_cited_and_the_guide_describes_every_command(command):
     assert len(README.text.splitlines()) <= MOST_LINES
     assert not [sentence for sentence in README.sentences if len(sentence.split()) > LONGEST_SENTENCE]
 
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     (citation,) = (block.text for block in README.blocks if block.language == "yaml")
     assert f"\nversion: {project['version']}\nlicense: {project['license']}\n" in citation
-
-
-def test_the_guide_describes_every_command(command):
     guide = (PACKAGE / "README.md").read_text(encoding="utf-8")
     listed = command("--help").out.partition("Commands:")[2]
     commands = {line.split()[0] for line in listed.splitlines() if re.match(r"  [a-z]", line)}

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from steel import scene_text
-
 import thirdbody
 from thirdbody.cli import command_group
 from thirdbody.errors import UsageError
@@ -29,12 +28,11 @@ def push(b, p):
 PLUGIN = Plugin("push", effects=(BodyEffect("push", push, Numbers, lambda options: Numbers(1.0), "Newton 1687"),))
 """
 BALL = '[[debris]]\nmaterial = "steel"\nkind = "spheres"\nradius = "5 um"\npositions = [["10 um", "10 um", "10 um"]]\n'
-FLIGHT = scene_text(f"{BALL}[effects]\npush = true", '["80 um", "60 um"]')
 
 
 def flown(folder, edits):
     """Speed along x over time under the push after each edit of files, {path: text}, each in a process of its own."""
-    (folder / "flight.toml").write_text(FLIGHT)
+    (folder / "flight.toml").write_text(scene_text(f"{BALL}[effects]\npush = true", '["80 um", "60 um"]'))
     found, paths = [], os.pathsep.join(filter(None, [str(folder / "site"), os.environ.get("PYTHONPATH")]))
     for k, texts in enumerate(edits):
         for name, text in texts.items():
@@ -171,17 +169,16 @@ def test_the_template_works_from_a_file_and_changes_the_result(balls, command):
         assert expected > 1.05
 
 
-TYPOS = [
-    ("p.work_of_adhesion *", "p.work_of_adhesoin *", "'work_of_adhesoin'", '.py", line {line}'),
-    ("Adhesion(-pull_off,", "Adhesion(-pull_of,", "NameError", "'pull_of'"),
-    ("Adhesion(-pull_off, -pull_off * c.overlap)", "Adhesion(-pull_off)", "Adhesion", "'stored'"),
-]
-
-
-def test_a_typo_in_a_kernel_is_reported_alike_by_the_suite_and_by_a_scene(balls, command, tmp_path):
+def test_a_typo_in_a_kernel_or_a_dimension_is_reported_alike_by_the_suite_and_by_a_scene(balls, command, tmp_path):
     text = DMT.read_text(encoding="utf-8")
     balls(("[solver]", '[effects.dmt_adhesion]\nwork_of_adhesion = "50 mJ/m2"\n[solver]'))
-    for k, (right, wrong, *words) in enumerate(TYPOS):
+    for k, (right, wrong, *words) in enumerate(
+        [
+            ("p.work_of_adhesion *", "p.work_of_adhesoin *", "'work_of_adhesoin'", '.py", line {line}'),
+            ("Adhesion(-pull_off,", "Adhesion(-pull_of,", "NameError", "'pull_of'"),
+            ("Adhesion(-pull_off, -pull_off * c.overlap)", "Adhesion(-pull_off)", "Adhesion", "'stored'"),
+        ]
+    ):
         assert text.count(right) == 1
         words = [word.format(line=text[: text.index(right)].count("\n") + 1) for word in words]
         (tmp_path / f"law{k}.py").write_text(text.replace(right, wrong), encoding="utf-8")
@@ -192,9 +189,6 @@ def test_a_typo_in_a_kernel_is_reported_alike_by_the_suite_and_by_a_scene(balls,
         report = command("check", "scene.toml", "--plugin", f"law{k}.py")
         assert report.code == 2 and report.err.count("\n") == 1 and all(word in report.err for word in words), report.err
         assert report.err.startswith("thirdbody: dmt_adhesion: cannot be compiled: ")
-
-
-def test_an_option_of_an_unknown_dimension_is_refused_when_the_file_is_read(balls, command, tmp_path):
     text = DMT.read_text(encoding="utf-8")
     (tmp_path / "law.py").write_text(text.replace('"energy_per_area"', '"energy_per_aera"'), encoding="utf-8")
     balls(("[solver]", '[effects.dmt_adhesion]\nwork_of_adhesion = "50 mJ/m2"\n[solver]'))

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from balls import BALLS, edited
 from portable import PATIENCE
-
 import thirdbody
 from thirdbody.assembly.simulation import build
 from thirdbody.engine import units
@@ -219,13 +218,12 @@ def test_runs_that_are_empty_or_unlabelled(tmp_path, command):
 
 
 SOURCE = Path(thirdbody.__file__).parent
-SHADOWED = ("json", "shutil", "selectors", "numpy", "numba", "h5py", "vtkmodules", "thirdbody")
 FAKE = "import pathlib\npathlib.Path(__file__).with_suffix('.executed').touch()\nraise ImportError('from the current folder')\n"
 
 
 @pytest.fixture
 def planted(tmp_path, monkeypatch):
-    for name in SHADOWED:
+    for name in ("json", "shutil", "selectors", "numpy", "numba", "h5py", "vtkmodules", "thirdbody"):
         (tmp_path / f"{name}.py").write_text(FAKE)
     monkeypatch.chdir(tmp_path)
     return tmp_path

@@ -17,7 +17,6 @@ import h5py
 import numpy as np
 import pytest
 from portable import PATIENCE
-
 import thirdbody
 from thirdbody.errors import OutputError, printable
 from thirdbody.system.terminal import PrintableStream, printable_output
@@ -159,8 +158,7 @@ needs_full = pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full")
 
 
 def program(*arguments, output=subprocess.PIPE, error=subprocess.PIPE):
-    command = [*PROGRAM, *map(str, arguments)]
-    done = subprocess.run(command, stdout=output, stderr=error, text=True, timeout=PATIENCE)
+    done = subprocess.run([*PROGRAM, *map(str, arguments)], stdout=output, stderr=error, text=True, timeout=PATIENCE)
     return done.returncode, done.stdout or "", done.stderr or ""
 
 

@@ -5,7 +5,6 @@ import math
 import numpy as np
 from hard.trial import BOX, LOAD, MICRON, SPEED, TRIPOD, CaseRun, Trial, clump, drag, every, pressed
 from theory.builders import solid
-
 from thirdbody.kernels.tables import run_totals
 from thirdbody.scene.model import ConstantVelocity, Motion, Pause, Spot, Spots
 from thirdbody.scene.motion import Load

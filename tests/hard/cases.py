@@ -10,7 +10,6 @@ from hard import free_bodies as free
 from hard import meeting_bodies as meeting
 from hard import rough_plates as rough
 from hard.trial import Setting, Trial
-
 from thirdbody.errors import ThirdbodyError
 
 FACTORS = (1.0, 1.2, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0, 15.0)  # trial time steps, over the smallest automatic one of the run

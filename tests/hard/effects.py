@@ -6,7 +6,6 @@ import numpy as np
 from hard.between_plates import LUMP, tumble
 from hard.trial import BOX, LOAD, MICRON, SPEED, TRIPOD, CaseRun, Trial, clump, every, on_plane, pressed, scene
 from theory.builders import STEEL, ball
-
 from thirdbody.kernels.tables import body, record
 from thirdbody.laws.hertz import FIRST_YIELD, yield_speed
 from thirdbody.scene.model import Effects, Material, Motion, Pause, UpperPlate
@@ -74,8 +73,6 @@ def crowded_spots(trial: Trial) -> None:
     trial.check_true("it is dragged along", abs(run.velocity()[1]) > 0.1 * SPEED)
 
 
-# necks of tiny particles: effects.adhesion --------------------------------------------------------------------------------------
-
 WORK, RADIUS = 0.05, 0.2e-6  # work of adhesion [J/m2]; radius of the ball [m]
 STICKS = Effects(named={"adhesion": {"work_of_adhesion": f"{WORK} J/m2", "model": "jkr"}})
 MODULUS = STEEL.shear() / (1.0 - STEEL.poisson_ratio)  # E* of two equal materials [Pa]
@@ -91,8 +88,7 @@ def joined(run: CaseRun) -> np.ndarray:
 
 
 def thrown(trial, clearance, touches, restitution, opening=None):
-    """A ball thrown down between plates, the gap some `clearance` [m] wider and growing by `opening` [m/s], with the energy that
-    so many touches take."""
+    """A ball thrown down between plates with the energy of so many touches; the gap grows by `opening` [m/s]."""
     gap = 2.0 * RADIUS + clearance
     upper = UpperPlate(material="ball", support="rigid", gap=gap, closing=-opening if opening else None)
     speed = math.sqrt(2.0 * touches * LOST / (4.0 / 3.0 * math.pi * RADIUS**3 * STEEL.density))

@@ -8,7 +8,6 @@ from hard.between_plates import particle
 from hard.trial import TRIPOD, CaseRun, Trial, clump, drag, every, on_plane, pressed, scene
 from theory.builders import LONG, STEEL, advance, ball, contact, momenta, solid
 from theory.builders import scene as plain_scene
-
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.state import angular_momentum, orientations
 from thirdbody.errors import GuardStop
@@ -209,8 +208,7 @@ def _crossing(trial, corner):
 
 def hundredfold_step(trial: Trial) -> None:
     """A time step a hundred times too long is refused; forced, it is stopped with the time and the reason."""
-    plain = trial.start(pressed(trial, clump(TRIPOD), 0.3))
-    plain.follow(every(5e-8, 2))
+    trial.start(pressed(trial, clump(TRIPOD), 0.3)).follow(every(5e-8, 2))
     step = 100.0 * trial.steps[0]
     sliding = pressed(trial, clump(TRIPOD), 0.3, solver=trial.solver(time_step=step))
     trial.check_refused("too long", lambda: sliding, "is above the bound")

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-
 import thirdbody
 from thirdbody.runner.checkpoint import FILE
 from thirdbody.runner.resume import prepare_resume

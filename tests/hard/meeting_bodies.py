@@ -8,7 +8,6 @@ import math
 import numpy as np
 from hard.trial import BOX, LOAD, MICRON, Trial, clump, drag, every, scene
 from theory.builders import STEEL, solid
-
 from thirdbody.kernels.tables import DEBRIS, LOWER, UPPER, record
 from thirdbody.scene.model import Contact, Motion, PairTable, Stroke, UpperPlate
 

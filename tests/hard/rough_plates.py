@@ -9,7 +9,6 @@ import numpy as np
 from hard.trial import LOAD, MICRON, Trial, clump, drag, every, scene
 from scipy.interpolate import CubicSpline
 from theory.builders import STEEL
-
 from thirdbody.kernels.tables import LOWER, UPPER, record
 from thirdbody.scene.model import LowerPlate, Plates, UpperPlate
 from thirdbody.scene.surfaces import Groove, Sine, SurfaceFile, Waves

@@ -9,11 +9,9 @@ from pathlib import Path
 import pytest
 from balls import BALLS
 from hard import command_lines as played
-
 import thirdbody
 
 HERE = Path(__file__).parent
-MESH = HERE.parents[1] / "scenes" / "debris_particle.stl"
 CODES = {0, 2, 3, 4, 5, 130}
 
 
@@ -33,7 +31,7 @@ def faults(code: int, out: str, err: str) -> list[str]:
 def test_no_command_line_breaks_the_program(about, tmp_path):
     (tmp_path / "scene.toml").write_text(BALLS, encoding="utf-8")
     thirdbody.run(thirdbody.Scene.load(tmp_path / "scene.toml"), tmp_path / "run", threads=1, progress=False).close()
-    played.furnish(tmp_path, BALLS, MESH)
+    played.furnish(tmp_path, BALLS, HERE.parents[1] / "scenes" / "debris_particle.stl")
     rows = played.lines(about)
     broken = []
     words = [sys.executable, str(HERE / "command_lines.py"), str(tmp_path)]

@@ -9,7 +9,6 @@ import three_spot_theory as theory
 from each import each
 from hard.free_bodies import turned_pair
 from theory import builders as make
-
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.guards import Ledger
 from thirdbody.errors import InputError
@@ -163,7 +162,7 @@ def test_a_load_that_vanishes_comes_back_and_jumps(integrator, support):
     assert make.numerical_share(simulation) > -1e-3
 
 
-def test_the_same_load_at_once_or_as_a_schedule_that_does_not_change():
+def test_the_same_load_as_a_schedule_and_none_without_inertia():
     found = []
     for loading in (None, [Load(load=FIRST)], [Pause(pause=1e-7), Load(load=FIRST, duration=1e-7)]):
         simulation = make.under_patches(
@@ -173,8 +172,5 @@ def test_the_same_load_at_once_or_as_a_schedule_that_does_not_change():
         simulation.integrator.advance_to(time=1.5e-6)
         found.append(simulation.state.B.copy())
     assert np.array_equal(found[0], found[1]) and np.array_equal(found[0], found[2])
-
-
-def test_without_load_and_inertia_nothing_reports_where_a_body_is():
     with pytest.raises(InputError, match="inertia: false needs a load at all times"):
         start("load_per_particle", "implicit", inertia=False)

@@ -15,7 +15,6 @@ import pytest
 from slow import slow
 from steel import SCENES
 from trajectories import contents
-
 import thirdbody
 from thirdbody.errors import Interrupted, OutputError
 from thirdbody.runner import checkpoint
@@ -28,7 +27,6 @@ from thirdbody.trajectory import writer
 SCENE = SCENES / "sheared_debris.toml"
 SHORT = {"debris.0.count": "8", "solver.distance": "0.2 um", "output.every": "0.05 um", "solver.settle": "1 us"}
 KINDS = {"explicit": {}, "implicit": {"contact.debris_contact": "none", "solver.integrator": "implicit"}}
-USAGE = namedtuple("usage", "total used free")
 
 
 def scene_of(kind):
@@ -139,7 +137,7 @@ def test_a_disk_that_fills_up_under_a_resumed_run(runs, cut, monkeypatch):
 
     def usage(_path):
         requested[0] += 1
-        return USAGE(10**10, 10**10, 10**10 if requested[0] <= 4 else 1000)
+        return namedtuple("usage", "total used free")(10**10, 10**10, 10**10 if requested[0] <= 4 else 1000)
 
     with monkeypatch.context() as patch:
         patch.setattr(writer.shutil, "disk_usage", usage)

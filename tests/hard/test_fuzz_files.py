@@ -20,7 +20,6 @@ from balls import PLATES, edited
 from hard import file_mutants as M
 from portable import PATIENCE
 from steel import STEEL
-
 import thirdbody
 from thirdbody.errors import Interrupted
 from thirdbody.runner.simulate import execute, prepare
@@ -151,8 +150,6 @@ def test_spoilt_files_are_refused(worker, tmp_path, run_bytes, count):
     assert not bugs, f"{len(bugs)} of {dict(report)}\n" + "\n".join(bugs[:20])
     assert report["refused"] > count // 3  # else the mutations are too tame to mean anything
 
-
-# folders of runs ---------------------------------------------------------------------------------------------------------------
 
 FEW_RUNS, MANY_RUNS = 4, int(os.environ.get("FUZZ_RUNS", "150"))
 CODES = {0, 2, 3, 4, 5}  # done, usage, input, guard, output; anything else is no answer to a spoilt file

@@ -14,7 +14,6 @@ from typing import Any
 
 import pytest
 from hard import mutants as M
-
 from thirdbody.errors import InputError
 from thirdbody.runner.simulate import default_folder, prepare
 from thirdbody.scene.model import Scene
@@ -113,8 +112,7 @@ def try_scene(data: bytes, must_fail: bool) -> str:
 
 def try_setting(seed: int) -> str:
     rng = Random(seed)
-    path = rng.choice(M.SCENES)
-    document = M.small(path)
+    document = M.small(rng.choice(M.SCENES))
     scene = Scene.parse(M.toml_text(document), "scene.toml")
     key, value = M.setting(document, rng)
     before = set(os.listdir())

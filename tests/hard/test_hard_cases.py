@@ -13,7 +13,6 @@ LONG = {
     "sharp_valleys explicit", "rides_onto explicit", "chain_of_ten explicit", "meets_again explicit", "crowded_spots explicit",
     "relaxed_start explicit", "bounces_until_it_sticks explicit", "lost_contact explicit",
 }  # fmt: skip
-HARD = pytest.mark.full(kind="hard")
 QUICK = {
     case.name: [setting for setting in case.settings(True) if f"{case.name} {setting.integrator}" not in LONG]
     for case in CASES.values()
@@ -30,7 +29,7 @@ def test_hard_case(name):
         assert not row.broken, f"{setting}\n" + "\n".join(row.broken)
 
 
-@HARD
+@pytest.mark.full(kind="hard")
 @pytest.mark.parametrize("case, setting", FULL)
 def test_hard_case_in_full(case, setting):
     """Every level, the long versions, and the largest stable step between 1.2 and 10 times the automatic one."""

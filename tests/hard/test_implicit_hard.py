@@ -8,7 +8,6 @@ from hard.between_plates import HEIGHT, SPAN, particle
 from hard.trial import TRIPOD
 from slow import slow
 from theory import builders as make
-
 from thirdbody.engine.guards import Ledger
 from thirdbody.kernels.tables import run_totals
 from thirdbody.scene.model import ConstantVelocity, Effects, Motion, Pause, Ramp, Stroke
@@ -78,15 +77,11 @@ PATH = np.arange(1, 11) * 1e-7
 
 
 @pytest.mark.parametrize("level", LEVELS)
-def test_many_spots_slide_together(level):
+def test_many_spots_slide_together_and_friction_above_the_lever_arm_tips_a_body(level):
     simulation = start(sheet(), drag(), level=level)
     run = follow(simulation, PATH)
     assert run.labels[-1] == "sliding" and np.count_nonzero(make.touching(simulation)) > 20
     assert run.force[-1] == pytest.approx(0.3, rel=1e-4)  # the dashpot of the patch carries the rest
-
-
-@pytest.mark.parametrize("level", LEVELS)
-def test_friction_above_the_lever_arm_tips_a_body(level):
     simulation = start(THREE, drag(), level=level, friction=0.7)
     run = follow(simulation, PATH[:5])
     assert run.labels[-1] == "rolling" and run.force[-1] < SPAN / HEIGHT
@@ -104,8 +99,7 @@ def test_rocking_body_loses_and_finds_spots(level, tolerance, gained):
     truncation: 2.0e-3, 1.3e-3, 8.6e-4, 4.8e-4, 2.6e-4 at a tolerance of 5e-4, 1.25e-4, 3e-5, 8e-6, 2e-6."""
     dumbbell, motion = clump((-3, 0, 0, 3), (3, 0.5, 0, 3), (0, 1, 1, 3.2)), Motion(y=[ConstantVelocity(velocity=1e-3)])
     simulation = start(dumbbell, motion, level=level, friction=0.5, tolerance=tolerance)
-    run = follow(simulation, np.arange(1, 41) * 2.5e-7, gained=gained)
-    assert len(run.contacts) > 2, "no spot came or went"
+    assert len(follow(simulation, np.arange(1, 41) * 2.5e-7, gained=gained).contacts) > 2, "no spot came or went"
     # the history of an open spot is forgotten
     assert np.all(simulation.state.slots.H[simulation.state.slots.histories.slip == 0.0] == 0.0)
 

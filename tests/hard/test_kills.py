@@ -18,7 +18,6 @@ from hard.killed_run import go_on
 from portable import PATIENCE
 from steel import SCENES
 from trajectories import contents
-
 import thirdbody
 from thirdbody.errors import InputError
 from thirdbody.runner.checkpoint import FILE, read_checkpoint
@@ -125,8 +124,6 @@ def test_a_run_that_is_being_written_is_never_damaged(tmp_path):
         assert process.returncode == 0
     assert reads >= 100
 
-
-# sweeps -------------------------------------------------------------------------------------------------------------------------
 
 VARY = ["--vary", "pairs.0.friction=0.05:0.6:3", "--vary", "debris.0.count=3,4000", "--workers", "2", "-q"]
 """Half of the points fails: 4000 balls have no space in the domain."""

@@ -17,7 +17,6 @@ from portable import PATIENCE, processor_seconds
 from slow import slow
 from steel import SCENES
 from trajectories import contents
-
 import thirdbody
 from thirdbody.engine import implicit
 from thirdbody.errors import Interrupted
@@ -37,7 +36,6 @@ EVERY = {"explicit": ("1 pm", "10 pm", "0.1 nm", "1 nm", "4 nm", "8 nm", "20 nm"
 """A time step of these scenes is some nanometre of sliding."""
 ALONE = {"contact.debris_contact": "none", "solver.integrator": "implicit"}
 SETTINGS = {"explicit": {"debris.0.count": "60", "solver.settle": "1 us"}, "implicit": ALONE | {"debris.0.count": "600"}}
-needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
 
 
 def command(folder, integrator, every):
@@ -119,7 +117,7 @@ def heard(tmp_path, integrator, signals, choices):
     raise AssertionError(f"only {len(latencies)} of {signals} signals came before the end of a run")
 
 
-@needs_proc
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
 @pytest.mark.full(kind="hard")
 @pytest.mark.parametrize("integrator", EVERY)
 def test_thirty_signals_are_heard(tmp_path, integrator):

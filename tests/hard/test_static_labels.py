@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from thirdbody_three_spot.balance import balance
-
 import thirdbody
 from thirdbody.bodies.irregular_clumps import irregular
 from thirdbody.bodies.resting_poses import settle_all
@@ -59,7 +58,7 @@ def alike(particle, debris, mu, folder):
     return here[-1] == there[len(here) - 1]
 
 
-def test_planar_particles(tmp_path):
+def test_planar_particles_and_clumps(tmp_path):
     different = []
     for seed in range(20):
         spots, mu = planar(seed)
@@ -67,9 +66,6 @@ def test_planar_particles(tmp_path):
         if not alike({"spots": spots}, debris, mu, tmp_path):
             different.append(seed)
     assert len(different) <= (1.0 - ALIKE) * 20, different
-
-
-def test_clumps(tmp_path):
     different = []
     for seed in range(40):
         centers, radii, mu = clump(seed)
@@ -80,8 +76,6 @@ def test_clumps(tmp_path):
             different.append(seed)
     assert len(different) <= (1.0 - ALIKE) * 40, different
 
-
-# seats --------------------------------------------------------------------------------------------------------------------------
 
 TILTS = np.linspace(-0.5, 0.5, 20_001)  # rad, up to which `balance` follows a particle
 
@@ -145,5 +139,4 @@ def clump(seed):
     draw = np.random.default_rng([22, seed])
     body = irregular(draw, int(draw.integers(4, 9)), (1.0, 0.8, 0.6), 10e-6)
     (quaternion,), _ = settle_all([body], draw)
-    centers = Rotation.from_quat(np.roll(quaternion, -1)).apply(body.centers)
-    return centers, body.radii, float(draw.uniform(0.1, 0.6))
+    return Rotation.from_quat(np.roll(quaternion, -1)).apply(body.centers), body.radii, float(draw.uniform(0.1, 0.6))

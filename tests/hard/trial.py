@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from theory import builders
 from theory.builders import LONG, STEEL, ball, stiffened
-
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.guards import RESIDUAL_GUARD, EnergyGuard, Ledger
 from thirdbody.errors import InputError

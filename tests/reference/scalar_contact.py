@@ -6,7 +6,6 @@ from dataclasses import make_dataclass
 
 import numpy as np
 from scalar_bodies import EFFECT_FORCE, EFFECT_TORQUE, added, cross, dot, quaternion, rotated, three
-
 from thirdbody.kernels.plates import BASINS
 from thirdbody.kernels.rolling_kinematics import record_width
 from thirdbody.kernels.tables import (
@@ -170,8 +169,7 @@ def interact(S, i, j, kind, memory, laws, turns, world):
     old, stored, viscous = laws.split(memory)
     answer = laws.request(report, rotation, kind, old)
     if laws.force is not None:
-        taken = laws.friction_takes(stored, answer.stored_t, old, answer.memory, report, rotation)
-        answer.work += taken - answer.lost
+        answer.work += laws.friction_takes(stored, answer.stored_t, old, answer.memory, report, rotation) - answer.lost
     f, x, y = answer.normal, answer.x, answer.y
     force = tuple(f * n[k] + x * e[k] + y * d[k] for k in range(3))
     moment = added(scaled(e, answer.moment[0]), d, answer.moment[1])

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from scalar_bodies import INERTIA
-
 from thirdbody.kernels.tables import body, contact_state
 from thirdbody.laws.data import Body, Load, Wrench
 
@@ -72,8 +71,7 @@ class Laws:
         return max(stored - after, 0.0)
 
     def dashpots_take(self, old, new, apart, message, rotation):
-        """What the mean of the dashpots' forces at both ends of a step takes while the bodies move apart by `apart`, slip and
-        turn, J."""
+        """What the mean of the dashpots' forces at both ends of a step takes while bodies part, slip and turn, J."""
         turn, twist = rotation
         moved = (apart, message.slip_x, message.slip_y, turn.x, turn.y, twist.angle)
         return max(-0.5 * sum((a + b) * x for a, b, x in zip(old, new, moved, strict=False)), 0.0)

@@ -13,7 +13,6 @@ import scalar_bodies
 from scalar_bodies import EFFECT_FORCE, EFFECT_TORQUE, UPPER_PUSH, act, added, cross, drift, kick, place_now, see_spin, three
 from scalar_contact import Surroundings, interact, let_go, touches, update_labels, write_record
 from scalar_laws import Effects, Laws
-
 from thirdbody.kernels import schedule as motion
 from thirdbody.kernels.tables import body, contact_state, domain, run_totals, sphere
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import peers_scenes
-
 from thirdbody.assembly.simulation import build
 from thirdbody.kernels.tables import run_totals
 from thirdbody.scene.model import Scene
@@ -47,8 +46,7 @@ LOADED = 'support = "load_per_particle"\nload = "0.1 mN"\ndamping = "7e-5 kg/s"\
 
 def scene(debris, size, upper=LOADED, settle="0.02 us", **more):
     parts = {"contact": "", "effects": "", "domain": ""} | more
-    text = TEXT.format(debris=debris, size=size, upper=upper, settle=settle, **parts)
-    return build(Scene.parse(text))
+    return build(Scene.parse(TEXT.format(debris=debris, size=size, upper=upper, settle=settle, **parts)))
 
 
 def clumps(steel, brass=0, seed=4, placement=""):

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from stories import SCENE, agreement, dragged, layer
-
 import thirdbody
 from thirdbody.studies.timing import NUDGE
 

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from slow import slow
-
 from thirdbody.assembly.physics import compile_physics
 from thirdbody.bodies.clump import Clump
 from thirdbody.engine.explicit import Explicit
@@ -81,8 +80,7 @@ def shear(layer, level, time_step):
     x = (Segment(0.0, schedule.POLYNOMIAL, 0.0, LAMMPS["speed"]),)
     gap = (Segment(0.0, schedule.POLYNOMIAL, float(layer["H"]) * LENGTH),)
     heights = one * gap[0].a
-    patch = np.zeros(n, np.int64)
-    plate = UpperPlate(1, heights, one, 0.0 * one, 0.0 * one, False, patch, Schedule(x=x, gap=gap))
+    plate = UpperPlate(1, heights, one, 0.0 * one, 0.0 * one, False, np.zeros(n, np.int64), Schedule(x=x, gap=gap))
     l_x, l_y = (float(length) * LENGTH for length in layer["L"])
     state = assemble(placed(layer), World((l_x, l_y), True, False, 1, plate, True), choice.physics, 0.9e-6)
     run = Explicit(state, list(choice.materials), time_step)

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from shared_runs import PATH, PLATES, clumps
-
 import thirdbody
 from thirdbody.plot.forecast_plot import Forecasts, check_format, draw_forecasts
 from thirdbody.report.forecast import WATCHED, compare_forecast, forecasts

@@ -7,7 +7,6 @@ import pytest
 from shared_runs import PLATES
 from slow import slow
 from steel import SCENES, STEEL
-
 import thirdbody
 from thirdbody.trajectory.names import ACCOMMODATION, BED
 
@@ -50,7 +49,7 @@ DRAGGED = pytest.mark.parametrize("name", [*NAMES[:3], slow(NAMES[3])])
 
 
 @DRAGGED
-def test_a_run_opens_again_and_is_whole(name, runs):
+def test_a_run_opens_again_whole_with_finite_series_and_states_counted(name, runs):
     scene, run = runs(name)
     folder = run.path.parent
     with thirdbody.open(folder) as again, thirdbody.open(folder / "run.vtkhdf") as by_file:
@@ -63,10 +62,6 @@ def test_a_run_opens_again_and_is_whole(name, runs):
     step = summary["time_step"] * abs(scene.plates.upper.motion.x[-1].velocity)
     assert 1e-6 <= summary["distance"] < 1e-6 + 1.5 * step
     assert thirdbody.Scene.load(folder / "scene.toml") == thirdbody.Scene.parse(run.scene_text) == scene
-
-
-@DRAGGED
-def test_series_are_finite_where_they_must_be(name, runs):
     _, run = runs(name)
     for series, values in run.series.items():
         assert len(values) == run.frames and series in run.units
@@ -83,10 +78,6 @@ def test_series_are_finite_where_they_must_be(name, runs):
     frame = run.to_pandas()
     assert len(frame) == run.frames and np.array_equal(frame["upper_force_z"], run.series["upper_force"][:, 2])
     assert set(frame) >= {"time", "distance", "gap", "friction_coefficient", "fraction_rolling", "energy_residual"}
-
-
-@DRAGGED
-def test_states_are_valid_and_counted(name, runs):
     scene, run = runs(name)
     assert run.state_names == ["free", "sticking", "sliding", "rolling"]
     assert run.states.shape == run.reasons.shape == (12, scene.debris[0].count)

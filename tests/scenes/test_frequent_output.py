@@ -8,13 +8,11 @@ import pytest
 from balls import BALLS, edited
 from slow import slow
 from trajectories import contents
-
 import thirdbody
 from thirdbody.engine import explicit
 from thirdbody.errors import Interrupted
 from thirdbody.runner.resume import prepare_resume
 from thirdbody.runner.simulate import execute, prepare
-
 from .test_resume import check_in_pieces
 
 SHEARED = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from balls import edited
 from steel import SCENES, STEEL
-
 import thirdbody
 from thirdbody.errors import InputError
 from thirdbody.runner.simulate import prepare
@@ -48,8 +47,7 @@ def loop(tmp_path_factory):
         time = 0.5 * (time[1:] + time[:-1])
         force = -run.series["upper_force"][1:, 0]
     second = time >= 1.0 / FREQUENCY * (1.0 - 1e-9)
-    x = AMPLITUDE * (1.0 - np.cos(2.0 * math.pi * FREQUENCY * time[second]))
-    return x, force[second]
+    return AMPLITUDE * (1.0 - np.cos(2.0 * math.pi * FREQUENCY * time[second])), force[second]
 
 
 def spot():
@@ -61,7 +59,7 @@ def spot():
 
 
 @pytest.mark.full(kind="slow")  # in the default: reversals of a stroke, tests/hard/test_implicit_hard.py
-def test_the_loop_has_the_area_of_an_elastic_slider(loop):
+def test_the_loop_has_the_area_of_an_elastic_slider_and_the_slope_of_all_spots(loop):
     x, force = loop
     area = abs(float(np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(x))))
     critical = 2.0 * spot()[1]  # upper and lower side in series
@@ -69,10 +67,6 @@ def test_the_loop_has_the_area_of_an_elastic_slider(loop):
     assert area == pytest.approx(4.0 * MU * LOAD * (AMPLITUDE - critical), rel=1e-3)
     # The load on the patch is constant but for its inertia: (a few nm of tilt) x (2 pi f)^2 x mass is 1e-9 of it.
     assert np.max(np.abs(force)) == pytest.approx(MU * LOAD, rel=1e-3)
-
-
-@pytest.mark.full(kind="slow")
-def test_the_slope_after_a_reversal_is_the_stiffness_of_all_spots(loop):
     x, force = loop
     turn = int(np.argmax(x))
     side = 4.0 * spot()[0]

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 import thirdbody
 from thirdbody.errors import Fault, InputError, Interrupted, OutputError, ThirdbodyWarning, UsageError
 from thirdbody.jit import cache
@@ -72,15 +71,12 @@ def test_check_is_what_the_command_prints_warnings_first(monkeypatch, capsys, tm
     assert callable(thirdbody.check), "the module of the function may not take its name"
 
 
-def test_what_exists_is_reported_in_the_words_of_python(run):
+def test_what_exists_and_remedies_are_told_in_the_words_of_the_reader(run):
     folder = run.path.parent
     with pytest.raises(OutputError, match=r"overwrite=True replaces it, out=\.\.\. names another folder") as refused:
         thirdbody.run(BALLS, folder)
     assert "--" not in str(refused.value)
     assert refused.value.for_command_line().endswith("--overwrite replaces it, -o names another folder")
-
-
-def test_remedies_of_faults_are_in_the_words_of_their_reader():
     fault = Fault("solver.time_step", "is too long", python="; force=True", command="; --force")
     error = InputError([fault, fault])
     assert str(error).count("force=True") == 2 and "--force" not in str(error)
@@ -145,13 +141,9 @@ def test_unknown_names_are_answered_with_the_nearest(run):
             read()
 
 
-def test_render_and_export(run, tmp_path):
-    page = run.render(tmp_path / "page.html", color="speed")
-    assert page.read_text().startswith("<!DOCTYPE html>")
+def test_render_export_and_pyvista_which_gets_every_array_with_its_unit(run, tmp_path):
+    assert run.render(tmp_path / "page.html", color="speed").read_text().startswith("<!DOCTYPE html>")
     assert tmp_path / "csv" / "series.csv" in run.export(csv=tmp_path / "csv")
-
-
-def test_pyvista_gets_every_array_with_its_unit(run):
     blocks = run.to_pyvista(-1)
     assert blocks.keys() == ["spheres", "clumps", "contacts", "plates"]
     for name in ("spheres", "clumps", "contacts"):

@@ -14,7 +14,6 @@ from shared_runs import PATH, PLATES, clumps
 from slow import slow
 from steel import SCENES, STEEL
 from trajectories import contents
-
 import thirdbody
 from thirdbody.engine.guards import Ledger
 from thirdbody.engine.snapshot import Snapshot, restore

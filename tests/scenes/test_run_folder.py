@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 from slow import slow
 from steel import STEEL
-
 import thirdbody
 from thirdbody.errors import InputError, Interrupted, OutputError
 from thirdbody.runner.checkpoint import FILE as CHECKPOINT

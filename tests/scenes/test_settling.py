@@ -5,11 +5,9 @@ from balls import BALLS, edited
 from gallery import SCENES
 from slow import slow
 from steel import HOT_STEEL, STEEL
-
 import thirdbody
 from thirdbody.kernels.tables import UPPER
 from thirdbody.runner.simulate import prepare
-
 from .test_resume import check_in_pieces
 
 NONE, WAVES = {"plates.contact": None}, {"long": "14 um", "short": "7 um"}

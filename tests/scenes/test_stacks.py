@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 from slow import slow
-
 import thirdbody
 
 GRIP, SLIP, PITCH = 0.5, 0.1, 80.0
@@ -101,8 +100,7 @@ class Seen:
 def watch(stack: Stack, folder: Path, view: View | None = None) -> Seen:
     view = view or View()
     rows = list(range(len(stack.bodies)))[:: -1 if view.backward else 1]
-    scene = thirdbody.Scene.parse(text(stack, view))
-    with thirdbody.run(scene, folder / "run", progress=False, overwrite=True) as run:
+    with thirdbody.run(thirdbody.Scene.parse(text(stack, view)), folder / "run", progress=False, overwrite=True) as run:
         seen = Seen([], [], [], run.times)
         for f in range(run.frames):
             arrays = run.bodies(f)
@@ -178,15 +176,12 @@ def test_labels_and_reasons(name, seen):
         assert frame == STACKS[name].reported
 
 
-def test_the_path_of_sliding_flakes_is_that_of_the_plate(seen):
+def test_sliding_flakes_have_the_path_of_the_plate_and_a_rolling_ball_turns_by_its_travel(seen):
     """The lower flake's partner above is the upper flake, as fast as the plate: slip is the whole of its travel, as it is for
     the upper one over a partner at rest. What is missing is the elastic slip before the first sliding."""
     # critical slips of some 3 nm for all of the interfaces in series, of a window of 4 x 95 nm
     assert seen("between").bodies[-1]["slip_over_travel"] == pytest.approx([1.0, 1.0], abs=0.02)
-
-
-def test_a_rolling_ball_turns_by_its_travel(seen):
-    """Rotation times height over travel is 1 for rolling without slip between the two flakes' surfaces, and no slip is left."""
+    # rotation times height over travel is 1 for rolling without slip between the two flakes' surfaces, and no slip is left
     ball = {name: values[1] for name, values in seen("ball").bodies[-1].items()}
     # the ball starts to turn with the flakes' first elastic displacement, 1 nm of 380
     assert ball["roll_ratio"] == pytest.approx(1.0, abs=0.01)
@@ -211,8 +206,7 @@ def travel_of_the_plank(seen, frame):
 def test_the_path_over_partners_of_different_speed_is_their_mean(seen):
     """The plank over a trestle at rest and one that goes along travels about half the way of the lid, by the shares of load."""
     run, frames = seen("trestles"), range(10, 26)
-    speeds = [drag_of_the_plank(run, frame) for frame in frames]
-    path = trapezoid(speeds, run.times[10:])
+    path = trapezoid([drag_of_the_plank(run, frame) for frame in frames], run.times[10:])
     assert 0.4 < path / (SPEED * (run.times[-1] - run.times[10])) < 0.6
     # measured 5e-4; the trestles swing with some 12 outputs a period, of which trapezoids lose (2 pi/12)^2/12 = 2 % of a swing
     # of a fifth of the mean

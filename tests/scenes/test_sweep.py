@@ -9,7 +9,6 @@ from concurrent.futures import Future, ThreadPoolExecutor
 
 import pytest
 from balls import BALLS
-
 import thirdbody
 from thirdbody import atomic_files
 from thirdbody.errors import InputError, Interrupted, OutputError, UsageError
@@ -90,8 +89,7 @@ class Count:
 
 def test_a_sweep_goes_on_with_what_is_missing_and_retries_on_request(whole, tmp_path):
     folder = tmp_path / "part"
-    first = {MU: [0.1], COUNT: [3, 400]}
-    execute_sweep(plan_in(folder, first), folder, Execution(Count()))
+    execute_sweep(plan_in(folder, {MU: [0.1], COUNT: [3, 400]}), folder, Execution(Count()))
     with pytest.raises(OutputError, match="exists already; resume=True goes on"):
         thirdbody.sweep(SCENE, VARY, folder, progress=False)
     executor = Count()

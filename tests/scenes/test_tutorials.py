@@ -14,7 +14,6 @@ pytest.importorskip("SALib")
 from each import each
 from pages import ROOT
 from tutorials import NOTEBOOKS, PNG, executed
-
 import thirdbody
 
 KILOBYTES = 150
@@ -81,10 +80,8 @@ def test_every_notebook_is_listed():
 @pytest.mark.parametrize("name", CLAIMS)
 def test_it_runs_and_shows_what_it_says(name, tmp_path):
     path = NOTEBOOKS[0].with_name(f"{name}.ipynb")
-    claims = re.sub(r"^ {8}", "", CLAIMS[path.stem], flags=re.MULTILINE)
-    notebook = executed(path, tmp_path, claims)  # raises for a failing cell
-    stored = json.loads(path.read_text(encoding="utf-8"))["cells"]
-    for cell, before in zip(notebook.cells[:-1], stored, strict=True):
+    notebook = executed(path, tmp_path, re.sub(r"^ {8}", "", CLAIMS[path.stem], flags=re.MULTILINE))  # raises for a failing cell
+    for cell, before in zip(notebook.cells[:-1], json.loads(path.read_text(encoding="utf-8"))["cells"], strict=True):
         # what a run warns of, which the stored pages leave out
         outputs = [output for output in cell.get("outputs", []) if ": ThirdbodyWarning: " not in output.get("text", "")]
         assert [output.output_type for output in outputs] == [output["output_type"] for output in before.get("outputs", [])]

@@ -15,7 +15,6 @@ import pytest
 from portable import PATIENCE
 from steel import SCENES
 from trial_run import write_frames
-
 import thirdbody
 from thirdbody.api import Run
 from thirdbody.export.paraview import write_sidecars
@@ -81,8 +80,7 @@ def folder(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def real(folder) -> Path:
-    scene = thirdbody.Scene.load(SCENE).with_settings(SHORT)
-    with thirdbody.run(scene, out=folder / "real", progress=False) as run:
+    with thirdbody.run(thirdbody.Scene.load(SCENE).with_settings(SHORT), out=folder / "real", progress=False) as run:
         counts = [run.rows("contacts", number) for number in range(run.frames)]
     assert counts[0] == 0 and len(set(counts)) > 2, "the run must show what the test is about"
     return folder / "real" / "run.vtkhdf"

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-
 from thirdbody.assembly.simulation import Simulation, build
 from thirdbody.kernels.tables import body, body_extra, record, run_totals
 from thirdbody.scene import model
@@ -146,13 +145,11 @@ def ball_mass(material: Material, radius: float) -> float:
 
 def under_patches(debris, materials, load, motion, level="mindlin", patch=None, options=None, **keys) -> Simulation:
     """Bodies that do not see each other, each under a patch of its own of the material `ball`, pressed by a load (N) and
-    dragged. `patch` are further keys of the upper plate, `options` those of the law; `keys` are those of the solver or of
-    `scene`."""
+    dragged. `patch`: further keys of the upper plate, `options`: of the law, `keys`: of the solver or of `scene`."""
     solver = {key: keys.pop(key) for key in tuple(keys) if key in model.Solver.model_fields}
     solver = solver if "distance" in solver else {"duration": LONG} | solver
     size, periodic, force = keys.pop("size", 10.0), keys.pop("periodic", True), keys.pop("force", False)
-    held = {"support": "load_per_particle", "load": load} | (patch or {})
-    upper = UpperPlate(material="ball", motion=motion, **held)
+    upper = UpperPlate(material="ball", motion=motion, **{"support": "load_per_particle", "load": load} | (patch or {}))
     tables = {
         "plates": model.Plates(lower=model.LowerPlate(material="ball"), upper=upper),
         "contact": model.Contact(level=level, debris_contact="none", options=options or {}),

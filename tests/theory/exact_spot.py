@@ -10,7 +10,6 @@ from thirdbody_three_spot.exact import NODES, exact, exact_tangent
 from thirdbody_three_spot.exact_springs import cells_of
 from thirdbody_three_spot.mdr import SpringParameters
 from thirdbody_three_spot.spring_field import SPARE
-
 from thirdbody.laws.data import Contact, Load
 
 E, G, R, MU = 1.0, 0.8, 1.0, 0.3

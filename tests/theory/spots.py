@@ -6,7 +6,6 @@ import closed_forms
 import numpy as np
 import three_spot_theory as theory
 from theory.plain import plain
-
 from thirdbody.laws.data import Contact, Load
 
 plain = functools.cache(plain)

@@ -7,7 +7,6 @@ import pytest
 from each import each
 from scipy.integrate import quad
 from scipy.optimize import brentq
-
 from thirdbody.assembly import upper_plate
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.guards import Ledger
@@ -131,21 +130,17 @@ def test_the_work_of_a_step_with_a_jump(integrator):
             assert tangent(contact(after, moved=step), p, h) == pytest.approx((ahead - behind) / (2e-6 * step), rel=1e-5)
 
 
-def test_the_energy_of_pressing_and_pulling():
+def test_energies_of_jkr_and_dmt_as_hertz_less_a_constant():
     """The neck gives back what it took, less the loop; the stored energy is the integral of the force, zero where it breaks."""
     answer, _ = at(1e-12, 0.0)
     assert answer.dissipated == pytest.approx(LOST, rel=1e-8) and at(1e-12, 1.0)[0].dissipated == 0.0  # that of the quadrature
     deep = 40.0 * A_BREAKS
-    work = quad(power, A_BREAKS, deep)[0]
-    assert at(overlap(deep))[0].stored == pytest.approx(work, rel=1e-9)
+    assert at(overlap(deep))[0].stored == pytest.approx(quad(power, A_BREAKS, deep)[0], rel=1e-9)
     assert abs(at((1.0 - 1e-14) * overlap(A_BREAKS))[0].stored) < 1e-6 * LOST
     d = 1e-9  # without adhesion it is Hertz
     answer, _ = at(d, work_of_adhesion=0.0)
     assert answer.force == pytest.approx(4.0 / 3.0 * E_STAR * math.sqrt(RADIUS) * d**1.5, rel=1e-8)  # least work of adhesion
     assert answer.contact_radius == pytest.approx(math.sqrt(RADIUS * d), rel=1e-7)
-
-
-def test_dmt_is_hertz_less_a_constant_and_the_tabor_number_mixes():
     chosen, p, _ = law("dmt")
     hertz = Normal(1e-7, 1e-8, 0.0, 0.0, 0.0, 0.0)
     answer = plain(chosen.kernel)(contact(1e-10), hertz, p)
@@ -298,8 +293,7 @@ def test_a_ball_sticks_below_a_speed(make):
 @pytest.mark.parametrize(("ratio", "bound"), [(1.05, 6e-3), (4.0, 1e-3)])
 def test_the_rebound_above_it(make, ratio, bound):
     """e^2 = 1 - (V_s/V)^2 (Thornton and Ning 1998), wherever in the step the neck forms: jumps count from where they are.
-    Without that a jump of 8/9 of the pull-off force is off by up to half a step: 2.9 % at 1.5. Order: 1.5 near the fold, where
-    the force has infinite slope, 2 elsewhere."""
+    Order: 1.5 near the fold, where the force has infinite slope, 2 elsewhere."""
     starts = [1e-10 + 3.7e-12 * k for k in range(3)]  # thirds of a step
     expected = math.sqrt(1.0 - ratio**-2)
     miss = lambda n, start: abs(impact(make, ratio, 2.1e-10 / n, start)[0] / expected - 1.0)  # noqa: E731

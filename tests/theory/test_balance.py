@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import three_spot_theory as theory
 from thirdbody_three_spot.balance import balance
-
 from thirdbody.errors import InputError, UsageError
 
 SOLVED = 1e-10  # Newton's tolerance of 1e-12 of the forces, divided by the share of the smallest force, and some round-off
@@ -57,7 +56,7 @@ def states(result):
 
 
 @pytest.mark.parametrize("level", LEVELS)
-def test_without_friction_the_particle_tilts_as_the_closed_form(level):
+def test_without_friction_and_in_gross_sliding_the_particle_tilts_as_the_closed_form(level):
     w, phi, forces = theory.tilted_state(X, E1, E2, R, CLOSING, 0.0)
     end = walk(mu=0.0, level=level, drag=0.0).points[0]
     assert end.N == pytest.approx(forces, rel=SOLVED, abs=0.0)
@@ -66,11 +65,7 @@ def test_without_friction_the_particle_tilts_as_the_closed_form(level):
     for weight in (1e-5, 1e-4):
         forces = theory.tilted_normal_forces(X, E1, E2, R, CLOSING, weight)
         assert walk(mu=0.0, level=level, weight=weight, drag=0.0).points[0].N == pytest.approx(forces, rel=SOLVED, abs=0.0)
-
-
-@pytest.mark.parametrize("level", LEVELS)
-def test_gross_sliding_with_tilt_as_the_closed_form(level):
-    """The springs of `mdr` fall short of mu N by 4e-4 at most, the forces by about as much over the smallest share, .29."""
+    # the springs of `mdr` fall short of mu N by 4e-4 at most, the forces by about as much over the smallest share, .29
     (w, phi, forces), end = SLIDING, walk(level=level).points[-1]
     assert end.N == pytest.approx(forces, rel=2e-3 if level == "mdr" else SOLVED, abs=0.0) and end.spots == ["slide"] * 3
     if level != "mdr":
@@ -126,8 +121,7 @@ def test_the_path_of_the_exact_law():
 
 @pytest.mark.parametrize("level", LEVELS)
 def test_a_mirror_changes_the_signs_of_tangential_forces_and_tilt_only(level):
-    mirrored = [s | {"x": -s["x"]} for s in PAPER]
-    there = walk(mirrored, level=level, steps=30, direction=(1.0, 0.0))
+    there = walk([s | {"x": -s["x"]} for s in PAPER], level=level, steps=30, direction=(1.0, 0.0))
     for a, b in zip(walk(level=level, steps=30).points, there.points, strict=True):
         # two solves to 1e-12 of all forces; the springs' tangent is a difference, but what is solved is the same
         assert a.N == pytest.approx(b.N, rel=1e-9, abs=0.0) and a.T == pytest.approx([-t for t in b.T], rel=1e-8, abs=1e-13)
@@ -196,16 +190,12 @@ def test_two_spots_hold_at_rest_and_turn_with_the_drag():
     assert states(result) == ["sticking", "rolling"] and result.points[0].reason == "indeterminate"
 
 
-ODD = (
-    (spot("upper", 0.0, 1e-6), *2 * (spot("lower", 0.0, 1e-6),)), (spot("upper", 0.0, 1e-6), spot("lower", 0.0, 1e-6)),
-    EVEN, SOLID, clump(0.0), clump(0.0, 1e-6),
-)  # fmt: skip
-HOW = ({}, {"mu": 0.0}, {"mu": 1e9}, {"direction": (0.0, 1.0)}, {"load": 1e-4}, {"weight": 1e-5})
-
-
 @pytest.mark.parametrize("which", [zip, pytest.param(itertools.product, marks=OTHER)])
 def test_odd_particles_end_finite(which):
-    for spots, path in which(ODD, HOW):
+    for spots, path in which((
+        (spot("upper", 0.0, 1e-6), *2 * (spot("lower", 0.0, 1e-6),)), (spot("upper", 0.0, 1e-6), spot("lower", 0.0, 1e-6)),
+        EVEN, SOLID, clump(0.0), clump(0.0, 1e-6),
+    ), ({}, {"mu": 0.0}, {"mu": 1e9}, {"direction": (0.0, 1.0)}, {"load": 1e-4}, {"weight": 1e-5})):  # fmt: skip
         result = walk(spots, steps=8, **path)
         assert len(result.points) == 9 and result.stopped is None
         for point in result.points:

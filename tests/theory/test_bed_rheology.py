@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from bed_rheology import REFERENCE, measure
 from pages import ROOT
-
 import thirdbody
 
 HERE = Path(__file__).parent

@@ -15,7 +15,6 @@ import pytest
 import three_spot_theory as theory
 from numba import njit
 from thirdbody_three_spot import mdr
-
 from thirdbody.kernels.closest_point import effective_radius
 from thirdbody.kernels.height_field import Jet
 from thirdbody.laws.data import Contact, Load

@@ -13,7 +13,6 @@ from scipy.optimize import brentq
 from slow import slow
 from spot_groups import Loads, closed_path, solved
 from steel import SCENES
-
 import thirdbody
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.guards import Ledger
@@ -236,8 +235,7 @@ def test_spots_solve_their_equations(n):
         idle += int((found.force == 0.0).any())
         swept = solve(place, depth, radius, swept=True)
         assert found.force == pytest.approx(swept.force, rel=1e-11, abs=1e-13 * swept.force.max())
-        again = solve(place, depth, radius, swept=True, scratch=0)
-        assert np.array_equal(swept.force, again.force)
+        assert np.array_equal(swept.force, solve(place, depth, radius, swept=True, scratch=0).force)
     assert n == 1 or idle > 0
 
 

@@ -12,7 +12,6 @@ from steel import SCENES
 from thirdbody_three_spot import LABELLER
 from thirdbody_three_spot.balance import balance
 from thirdbody_three_spot.forecast import forecast, hull_corners
-
 import thirdbody
 from thirdbody.assembly.simulation import build
 
@@ -78,7 +77,7 @@ HEAVY = {
 }
 
 
-def test_normal_forces_with_tilt_and_weight():
+def test_normal_forces_with_tilt_and_weight_and_a_spot_that_lifts_off():
     ours = {weight: theory.tilted_normal_forces(X, E1, E2, R, CLOSING, weight) for weight in HEAVY}
     for weight, forces in HEAVY.items():
         assert ours[weight] == pytest.approx(forces, rel=1e-12, abs=0.0)
@@ -95,9 +94,6 @@ def test_normal_forces_with_tilt_and_weight():
     exact, series = theory.tilted_normal_forces, theory.tilted_force_series
     errors = [abs(series(*particle, weight) - exact(*particle, weight)[0]) for weight in (2e-6, 4e-6)]
     assert math.log2(errors[1] / errors[0]) == pytest.approx(3.0, abs=0.05)  # the first missing term is (m g)^3
-
-
-def test_a_spot_that_lifts_off_is_reported():
     with pytest.raises(ValueError, match="lifts off"):
         theory.tilted_normal_forces((2e-6, *X[1:]), E1, E2, R, CLOSING, 0.0)  # x_1 beyond x_3
     with pytest.raises(ValueError, match="lifts off"):
@@ -123,17 +119,6 @@ TRIANGLE = (((1.2, 0.4),), ((-1.0, 0.0), (1.0, 0.0), (0.0, 1.2)), 2.0)
 CROSSED = (((0.0, 1.0), (0.0, -1.0)), ((0.6, 0.0), (1.4, 0.0)), 1.5)
 SEGMENT = (((0.0, 0.0), (0.0, 1.0)), ((1.0, 0.5),), 2.0)
 PAIR = (((0.3, 0.4),), ((0.0, 0.0),), 2.0)
-INTERVALS = [
-    (TRIANGLE, (-1.0, 0.0), (4.0 / 15.0, 14.0 / 15.0)),  # Q at y = .4 reaches from -2/3 to 2/3
-    # (1.2 - 3 s, .4 + s) meets the sides of Q at s = .64/2.6 and 2.24/4.6; t = s sqrt(10)/2
-    (TRIANGLE, (-3.0, 1.0), (0.389203404328415918, 0.769945865084474968)), (TRIANGLE, (0.0, 1.0), hulls.NEVER),
-    (CROSSED, (1.0, 0.0), (0.4, 1.4 / 1.5)), (CROSSED, (-1.0, 0.0), (-1.4 / 1.5, -0.4)), (CROSSED, (0.0, 1.0), hulls.NEVER),
-    (CROSSED, (2.0, 2.0), (0.6 * math.sqrt(2.0) / 1.5, math.sqrt(2.0) / 1.5)),  # {q - p} = [.6, 1.4] x [-1, 1]
-    (SEGMENT, (1.0, 0.0), (0.5, 0.5)),  # {q - p} is the segment x = 1, |y| <= .5: one friction only
-    (SEGMENT, (2.0, 1.0), (math.sqrt(5.0) / 4.0, math.sqrt(5.0) / 4.0)),  # its end
-    (SEGMENT, (2.0, 1.01), hulls.NEVER), (SEGMENT, (0.0, 1.0), hulls.NEVER),
-    (PAIR, (-3.0, -4.0), (0.25, 0.25)), (PAIR, (-1.0, 0.0), hulls.NEVER),
-]  # fmt: skip
 
 
 def forecast_of(upper, lower, h, e):
@@ -173,10 +158,20 @@ def test_bodies_on_a_grid_have_ties_lines_and_coincidences(seed):
             assert forecast_of(upper, lower, 2.0, e) == pytest.approx(expect(upper, lower, 2.0, e), **APPROX)
 
 
-def test_samples():
+def test_samples_and_what_hulls_refuse():
     # from the line 1.2 x + y = 1.2: .64/sqrt(2.44)/2; tan alpha of Eq. 16: .5/2
     required = {id(TRIANGLE): 0.204859007892633558, id(CROSSED): 0.4, id(SEGMENT): 0.5, id(PAIR): 0.25}
-    for case, direction, interval in INTERVALS:
+    for case, direction, interval in [
+        (TRIANGLE, (-1.0, 0.0), (4.0 / 15.0, 14.0 / 15.0)),  # Q at y = .4 reaches from -2/3 to 2/3
+        # (1.2 - 3 s, .4 + s) meets the sides of Q at s = .64/2.6 and 2.24/4.6; t = s sqrt(10)/2
+        (TRIANGLE, (-3.0, 1.0), (0.389203404328415918, 0.769945865084474968)), (TRIANGLE, (0.0, 1.0), hulls.NEVER),
+        (CROSSED, (1.0, 0.0), (0.4, 1.4 / 1.5)), (CROSSED, (-1.0, 0.0), (-1.4 / 1.5, -0.4)), (CROSSED, (0.0, 1.0), hulls.NEVER),
+        (CROSSED, (2.0, 2.0), (0.6 * math.sqrt(2.0) / 1.5, math.sqrt(2.0) / 1.5)),  # {q - p} = [.6, 1.4] x [-1, 1]
+        (SEGMENT, (1.0, 0.0), (0.5, 0.5)),  # {q - p} is the segment x = 1, |y| <= .5: one friction only
+        (SEGMENT, (2.0, 1.0), (math.sqrt(5.0) / 4.0, math.sqrt(5.0) / 4.0)),  # its end
+        (SEGMENT, (2.0, 1.01), hulls.NEVER), (SEGMENT, (0.0, 1.0), hulls.NEVER),
+        (PAIR, (-3.0, -4.0), (0.25, 0.25)), (PAIR, (-1.0, 0.0), hulls.NEVER),
+    ]:  # fmt: skip
         ours = forecast_of(*case, direction)
         assert ours == pytest.approx((required[id(case)], *interval), rel=1e-13, abs=1e-14), (case, direction)
     assert forecast_of([(0.2, 0)], [(-2.0, 0), (1.5, 0)], 4.0, (-1, 0)) == pytest.approx((0.0, -0.325, 0.55), rel=1e-13)
@@ -185,9 +180,6 @@ def test_samples():
         turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
         case = (*(np.array(side) @ turn.T * 1e-6 for side in SEGMENT[:2]), 2e-6, turn @ (2.0, 1.0))
         assert forecast_of(*case) == pytest.approx((0.5, math.sqrt(5.0) / 4.0, math.sqrt(5.0) / 4.0), rel=1e-12)
-
-
-def test_what_hulls_refuse_has_an_answer():
     assert forecast_of([], [(0, 0)], 1.0, (1, 0)) == NOTHING and forecast_of([(0, 0)], [], 1.0, (1, 0)) == NOTHING
     assert forecast_of([(0, 0)], [(1, 0)], 0.0, (1, 0)) == forecast_of([(0, 0)], [(1, 0)], -1.0, (1, 0)) == NOTHING
     assert forecast_of([(0, 0)], [(3, 4)], 2.0, (0, 0)) == (2.5, math.inf, -math.inf)
@@ -248,8 +240,7 @@ def test_a_ball_in_an_impact_is_unbalanced_until_it_flies_and_by_moments_if_obli
 
 @pytest.mark.parametrize("integrator", ["explicit", "implicit"])
 def test_a_particle_in_slow_drag_is_in_static_equilibrium(integrator):
-    scene = thirdbody.Scene.load(SCENES / "three_spot.toml").with_settings({"solver.integrator": integrator})
-    built = build(scene)
+    built = build(thirdbody.Scene.load(SCENES / "three_spot.toml").with_settings({"solver.integrator": integrator}))
     built.integrator.advance_to(time=built.settle)
     built.integrator.advance_to(distance=3e-9)
     _, reason, margins = report(built)

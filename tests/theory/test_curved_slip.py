@@ -13,7 +13,6 @@ from numba import njit
 from theory.exact_spot import D0, KAPPA, MU, E, G, R, circle
 from thirdbody_three_spot.exact import NODES, exact
 from thirdbody_three_spot.mdr import SpringParameters, springs
-
 from thirdbody.laws.data import Contact, Load
 
 pytestmark = pytest.mark.full(kind="slow")

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import three_spot_theory as theory
 from thirdbody_three_spot.mdr import MDR
-
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.guards import Ledger
 from thirdbody.errors import InputError

@@ -4,7 +4,6 @@ import closed_forms
 import numpy as np
 import pytest
 from meetings import GAP, LOAD, MEETINGS, MU, RIDGE, SPEED, START, STROKE, R
-
 import thirdbody
 
 RESIDUAL = {"explicit": 1e-3, "implicit": 1e-6}

@@ -9,7 +9,6 @@ from load_sharing import ALONE, PRESSURE, ROUGHNESS, estimate, mixed, read_sweep
 from load_sharing import COUNT as COUNT_KEY
 from scipy.integrate import quad
 from scipy.optimize import brentq
-
 import thirdbody
 from thirdbody.assembly.plate_load import GAMMA, persson_parameters
 from thirdbody.engine.guards import Ledger

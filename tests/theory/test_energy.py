@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 import three_spot_theory as theory
 from steel import SCENES, scene_text
-
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.guards import Ledger
 from thirdbody.kernels.tables import run_totals
@@ -104,7 +103,7 @@ def impact(make, nu, friction, degrees, count, restitution=1.0):
     return make.kinetic(simulation) / energy - 1.0, {name: value / energy for name, value in lines.items()}
 
 
-def test_undamped_impacts_make_no_energy(make):
+def test_undamped_impacts_make_no_energy_and_their_ledger_converges(make):
     """A law that keeps the displacement, or the unscaled force, returns up to 2.8 % too much here."""
     for (count, friction, nu), degrees in itertools.product(
         ((100, 0.1, 0.3), (100, 1.0, 0.1), (30, 1e3, 0.5)), (5, 20, 36, 50, 65, 76, 85)
@@ -113,10 +112,7 @@ def test_undamped_impacts_make_no_energy(make):
         # the normal part of the rebound is exact to 1e-6 at 100 steps and 1e-4 at 30, with either sign
         assert gain <= (1e-6 if count == 100 else 2e-4), (count, friction, nu, degrees)
         assert lines["friction"] >= 0.0 and lines["elastic_normal"] == lines["elastic_tangential"] == lines["damping"] == 0.0
-
-
-def test_ledger_of_an_impact_converges(make):
-    """Friction takes the work of the mean force of a step, which is what bodies exchange: only truncation is left."""
+    # friction takes the work of the mean force of a step, which is what bodies exchange: only truncation is left
     for friction, degrees in ((1.0, 36), (1e3, 76)):
         # measured 2e-5; the work of the force at the end of a step would be off to first order
         assert abs(impact(make, 0.1, friction, degrees, 100)[1]["residual"]) < 1e-4

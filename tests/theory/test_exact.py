@@ -9,7 +9,6 @@ import three_spot_theory as theory
 from theory.exact_spot import D0, D1, KAPPA, MU, E, G, R, Spot, circle, corners, run_exact_tangent
 from theory.memory_diagrams import MemoryDiagram
 from thirdbody_three_spot.exact import NODES
-
 from thirdbody.laws.data import Load
 
 SLOW = pytest.mark.full(kind="slow")
@@ -76,7 +75,7 @@ def test_first_loading_is_cattaneo_and_mindlin():
     assert lost == pytest.approx(closed_forms.mindlin_loop_work(0.5) * limit * s_c, rel=1e-12)
 
 
-def test_force_dies_with_the_overlap_and_is_not_kept():
+def test_force_dies_with_the_overlap_and_full_sliding_is_the_limit_exactly():
     spot = Spot()
     spot.move(D1, 0.0)
     spot.move(D1, 0.4 * KAPPA * D1)
@@ -93,9 +92,6 @@ def test_force_dies_with_the_overlap_and_is_not_kept():
     apart.move(D0, 0.4 * KAPPA * D0)
     touching.move(D0, 0.2 * KAPPA * D0)
     assert apart.force == pytest.approx(touching.force, rel=1e-15)
-
-
-def test_full_sliding_is_the_limit_exactly_and_no_friction_is_none():
     spot = Spot()
     spot.move(D0, 0.0)
     for damped in (1.0, 1.7, 0.2, 1.0):
@@ -161,11 +157,7 @@ def miss(spot, overlap, slip, rows=2, **more):
     return min(found) / (2.0 * G * theory.contact_radius(R, overlap))
 
 
-def somewhere(rng, size):
-    return rng.uniform(0.3, 1.2) * D1, rng.normal(size=2) * size * KAPPA * D1
-
-
-def test_tangent_of_the_virgin_patch_and_of_full_sliding():
+def test_tangents_of_the_virgin_patch_of_full_sliding_at_first_touch_and_after_a_gap():
     """Along the slip 2 G* c with the stick radius c (Cattaneo), across it the secant of the force; also at an angle."""
     spot, full, limit = Spot(), 2.0 * G * theory.contact_radius(R, D1), MU * theory.hertz_force(E, R, D1)
     spot.move(D1, 0.0)
@@ -182,16 +174,13 @@ def test_tangent_of_the_virgin_patch_and_of_full_sliding():
     assert tangent[:, 2] == pytest.approx(-damped * MU * closed_forms.hertz_stiffness(E, R, D1) * OBLIQUE, rel=1e-6)
     assert ACROSS @ tangent[:, :2] @ ACROSS == pytest.approx(-limit / path, rel=1e-6)
     assert np.abs(tangent[:, :2] @ OBLIQUE).max() < 1e-6 * limit / (KAPPA * D1)
-
-
-def test_tangent_at_first_touch_and_after_a_gap():
-    """The slip is shared over the overlap; of a step that began apart the part before touch is lost."""
+    # the slip is shared over the overlap; of a step that began apart the part before touch is lost
     rng, misses = np.random.default_rng(4), []
     for overlap in (0.0, -0.5 * D1):
         for size in 4 * (0.02, 0.3, 5.0):
             spot = Spot()
             spot.reset(overlap)
-            misses.append(miss(spot, *somewhere(rng, size), damped=1.3))
+            misses.append(miss(spot, rng.uniform(0.3, 1.2) * D1, rng.normal(size=2) * size * KAPPA * D1, damped=1.3))
     assert max(misses) < 1e-7  # rounding of the differences
     # no friction, a dashpot that takes all load, or no touch: no stiffness, and no division by zero
     for step in ((D1, 0.0), (1.3 * D1, KAPPA * D1 * np.array([1.0, -1.0]), 0.01)):

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from slow import slow
 from steel import SCENES
-
 import thirdbody
 from thirdbody.runner.simulate import prepare
 

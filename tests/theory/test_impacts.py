@@ -11,7 +11,6 @@ import three_spot_theory as theory
 from each import each
 from scipy.integrate import quad
 from thirdbody_effects import elastic_plastic as plastic
-
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.guards import Ledger
 from thirdbody.kernels.tables import body, body_extra
@@ -51,8 +50,7 @@ def balls_impact(make, numbers, radius, speed):
     S = simulation.state.S
 
     def gap():
-        apart = S[1, 0] - S[0, 0] - 2.0 * radius
-        return apart, make.velocity(simulation, 1)[0] - make.velocity(simulation, 0)[0]
+        return S[1, 0] - S[0, 0] - 2.0 * radius, make.velocity(simulation, 1)[0] - make.velocity(simulation, 0)[0]
 
     return simulation, make.impact(simulation, gap)
 
@@ -143,7 +141,7 @@ def order(counts, errors):
     return -np.polyfit(np.log(counts), np.log(errors), 1)[0]
 
 
-def test_undamped_impact_is_of_second_order(make):
+def test_impacts_are_of_second_order_and_damped_ones_of_order_five_quarters(make):
     counts, late, deep, slow = (40, 80, 160, 320), [], [], []
     overlap, _, duration = hertz(plane(make, NUMBERS, 1e-3), 1.0)
     overlap *= (1.0 + 1.0 / make.RIGID) ** 0.4  # the plane is not quite rigid
@@ -164,10 +162,7 @@ def test_undamped_impact_is_of_second_order(make):
     # a symmetric method on a symmetric impact: what is left is the kink of x^1.5 where the contact ends, order 2.5 and more
     assert order(counts, slow) > 2.5
     assert slow[-1] < 1e-6
-
-
-def test_damped_impact_is_of_order_five_quarters(make):
-    """The dashpot's force starts like x^.25 v, whose sum over steps is h^1.25 off."""
+    # the dashpot's force starts like x^.25 v, whose sum over steps is h^1.25 off
     counts, errors = (80, 160, 320, 640, 1280), []
     for count in counts:
         simulation = plane_start(make, NUMBERS, 1e-3, 1.0, count, restitution=0.3)

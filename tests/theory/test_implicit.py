@@ -8,7 +8,6 @@ import three_spot_theory as theory
 from slow import slow
 from steel import SCENES
 from thirdbody_three_spot.balance import balance
-
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.guards import Ledger
 from thirdbody.kernels.tables import patch, record

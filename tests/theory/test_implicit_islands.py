@@ -9,7 +9,6 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components, reverse_cuthill_mckee
 from scipy.spatial import cKDTree
 from slow import slow
-
 from thirdbody.engine.accuracy import MEETING_RADII
 from thirdbody.engine.guards import Ledger
 from thirdbody.engine.islands import STRIDE, _connected
@@ -46,8 +45,7 @@ def test_islands_and_the_order_of_their_bodies_are_those_of_scipy():
 
 
 def dragged(make, debris, pairs=None, speed=1e-3, plate=None, friction=MU, settle=2e-5, contact="auto", **solver):
-    """Bodies with contact between them, each under a patch of its own unless `plate`, keys of the upper plate, says otherwise.
-    `pairs`: friction of other pairs than `friction`."""
+    """Bodies that meet, each under its own patch unless `plate`, keys of it, says otherwise; `pairs`: other frictions."""
     names = ("ball", "block", "floor")
     frictions = {pair: friction for pair in ((a, b) for a in names for b in names if a <= b)} | (pairs or {})
     held = {"support": "load_per_particle", "load": LOAD} | (plate or {})

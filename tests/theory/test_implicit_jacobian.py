@@ -9,7 +9,6 @@ import pytest
 from numba import types
 from scipy.ndimage import spline_filter
 from theory.plain import plain
-
 from thirdbody.kernels.arguments import Motion
 from thirdbody.kernels.height_field import pack_field
 from thirdbody.kernels.implicit import workspace
@@ -249,7 +248,7 @@ def test_on_rough_plates_the_jacobian_is_the_derivative_of_the_residual(force, c
         assert errors[0].max() < 2e-5 and errors[1].max() < 2e-6, errors
 
 
-def test_spots_that_interact_have_the_jacobian_of_all_of_them():
+def test_spots_that_interact_and_the_gradient_force_have_the_jacobian_of_the_residual():
     """Three spots on the lower plate, one above. Left out is the change of the forces along the plate, N^2 g/r^2 of 3 N/2d."""
     offsets, near = OFFSETS.copy(), 0.05
     offsets[:3, 2] = -0.6, -0.59, -0.6
@@ -258,14 +257,10 @@ def test_spots_that_interact_have_the_jacobian_of_all_of_them():
     errors = jacobian_errors(given, STEPS[1:2])
     # g N/d is 1.5 % of the overlap: without the interaction in the Jacobian it would be off by that
     assert errors.max() < 1e-4, errors
-
-
-def test_with_the_gradient_force_the_jacobian_is_the_derivative_of_the_residual():
-    """Without second derivatives of ln R_eff, about 10, it would be off by 3e-3: they go with U/2 = 0.2 N d, beside 1.5 N/d."""
+    # without second derivatives of ln R_eff, about 10, it would be off by 3e-3: they go with U/2 = 0.2 N d, beside 1.5 N/d
     rng, errors = np.random.default_rng(9), []
     for _ in range(5):
-        given = rough_tables(rng, True, 0.01, False)
-        errors.append(jacobian_errors(given, STEPS[1:2]).max())
+        errors.append(jacobian_errors(rough_tables(rng, True, 0.01, False), STEPS[1:2]).max())
     # as without it in the median; the one-sided differences of the gradient add 1e-4 of a cell, and more at borders of cells
     assert np.median(errors) < 1e-6 and max(errors) < 2e-5, errors
 

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 import three_spot_theory as theory
 from slow import slow
-
 from thirdbody.scene.model import Contact
 
 MU, RADIUS = 0.3, 1e-3

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from each import each
 from scipy.spatial.transform import Rotation
-
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.state import angular_momentum, orientations
 from thirdbody.kernels.explicit.critical_time_step import stable_step
@@ -42,15 +41,12 @@ def swing(make, step):
     return zeros[1] - zeros[0]
 
 
-def test_top_period_is_of_second_order(make):
+def test_the_period_of_a_top_is_of_second_order_and_it_keeps_momentum_and_energy(make):
     steps = np.array([0.2, 0.1, 0.05])
     errors = [abs(swing(make, step) / PERIOD - 1.0) for step in steps]
     # slopes differ from 2 by the next term, of relative size (.2 rad)^2
     assert np.polyfit(np.log(steps), np.log(errors), 1)[0] == pytest.approx(2.0, abs=0.06)
     assert errors[-1] < 1e-4
-
-
-def test_top_keeps_momentum_and_energy(make):
     simulation = top(make, 0.05)
     E = simulation.state.E
     momentum, energy = E[0, body_extra.ANGULAR_MOMENTUM3].copy(), make.kinetic(simulation)

@@ -5,7 +5,6 @@ import math
 import pytest
 from balls import BALLS, edited
 from thirdbody_three_spot.mdr import MDR
-
 import thirdbody
 from thirdbody.laws.compose import ordered
 from thirdbody.laws.conformance.suite import check, report

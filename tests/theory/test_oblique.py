@@ -14,7 +14,6 @@ import pytest
 import three_spot_theory as theory
 from slow import slow
 from thirdbody_three_spot import THREE_SPOT
-
 from thirdbody.scene.model import Contact
 
 DATA = Path(__file__).with_name("data")
@@ -86,7 +85,7 @@ def test_chung_ooi_7_opposite_spins_do_not_rub(make):
             assert abs(make.velocity(simulation, body)[2] - sideways) < 1e-12 * NORMAL
 
 
-def test_undamped_gross_slip(make):
+def test_undamped_gross_slip_and_no_friction(make):
     """Maw, Barber and Fawcett: psi_2 = psi_1 - 4 chi where the whole impact slips, psi = v_t/v_n 2 (1-nu)/(mu (2-nu))."""
     nu = 0.3
     chi = closed_forms.maw_chi(nu)
@@ -96,9 +95,6 @@ def test_undamped_gross_slip(make):
         after = (v[0] - 1e-3 * w[1]) * scale / NORMAL
         # friction's impulse is 4 chi; undamped truncation is 1e-5, the overlap .2 % of the radius
         assert psi - after == pytest.approx(psi - closed_forms.maw_gross_slip(psi, chi), rel=3e-3)
-
-
-def test_frictionless_impact_leaves_the_tangential_motion_alone(make):
     v, w, simulation = rebound(make, (210e9, 0.3, 7850.0), 1e-3, (3.0, -1.0, -1.0), (100.0, 200.0, 300.0), friction=0.0)
     assert np.array_equal(v[:2], [3.0, -1.0])
     # the spin is taken from the angular momentum, which no torque changes
@@ -140,7 +136,7 @@ def rows_of(make, level):
 
 
 @levels
-def test_steep_impacts_slip_throughout_at_every_level(make, level):
+def test_steep_impacts_slip_throughout_and_shallow_ones_come_back(make, level):
     """Gross slip from about 31 degrees on: the impulse of friction is mu times the normal one, whatever the law."""
     for (ratio, spin, _), degrees in zip(rows_of(make, level), ANGLES, strict=True):
         if degrees >= (55 if level == "coulomb" else 45):
@@ -149,11 +145,7 @@ def test_steep_impacts_slip_throughout_at_every_level(make, level):
             assert 1.0 - ratio == pytest.approx(1.0 - closed_forms.gross_slip_speed_ratio(FRICTION, RESTITUTION, angle), rel=3e-3)
             report = closed_forms.gross_slip_spin(FRICTION, RESTITUTION, angle, SPEED, RADIUS) * RADIUS / SPEED
             assert spin == pytest.approx(-report, rel=9e-3)  # that of the theory counts against the drag
-
-
-@levels
-def test_shallow_impacts_come_back(make, level):
-    """Near the normal the tangential spring throws the contact point back: its rebound is reversed."""
+    # near the normal the tangential spring throws the contact point back: its rebound is reversed
     assert min(angle for _, _, angle in rows_of(make, level)) < 0.0 and all(ratio < 1.0 for ratio, _, _ in rows_of(make, level))
 
 

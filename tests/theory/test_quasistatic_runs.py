@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from each import each
 from steel import SCENES
-
 import thirdbody
 from thirdbody.assembly.integrator import FAST, SLOW, inertial_number
 from thirdbody.assembly.simulation import build

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.guards import Ledger
 from thirdbody.errors import InputError
@@ -65,12 +64,9 @@ def built(make, plugin, gap, speed=0.0, lower=None):
     return build(make.scene(debris, {"ball": make.STEEL}, lower=lower, effects=Effects(named=pull)), discover([plugin]))
 
 
-def test_the_law_conforms(plugin):
+def test_the_law_conforms_and_has_its_force_at_half_the_reach_and_beyond(plugin, make):
     findings = check(load_file(plugin).effects)
     assert all(finding.passed for finding in findings), report(findings)
-
-
-def test_the_force_at_half_the_reach_and_beyond(make, plugin):
     for lower in (None, "ball"):
         simulation = built(make, plugin, 0.5 * REACH, lower=lower)
         make.advance(simulation)

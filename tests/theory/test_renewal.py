@@ -10,7 +10,6 @@ from each import each
 from theory.plain import plain
 from theory.spots import Spot
 from thirdbody_three_spot import exact, mdr
-
 from thirdbody.assembly.option_values import option_value
 from thirdbody.laws.contract import Material, Pair
 from thirdbody.laws.friction import COULOMB, MINDLIN
@@ -117,8 +116,9 @@ def test_unlike_materials_have_the_creep_of_their_mean_compliance(level):
     spot = RollingSpot(level, materials)
     for _ in range(50):
         answer = spot.move(0.3 * creep * A, 0.3 * A)
-    between = 3.40 + (4.12 - 3.40) * nu / 0.25
-    assert -answer.x == pytest.approx(shear * A**2 * between * creep, rel=0.03)  # C11 is a little convex
+    assert -answer.x == pytest.approx(
+        shear * A**2 * (3.40 + (4.12 - 3.40) * nu / 0.25) * creep, rel=0.03
+    )  # C11 is a little convex
 
 
 @each(EVERY)
@@ -148,16 +148,13 @@ def test_a_spot_that_rolls_on_loses_its_history(level):
     assert across == pytest.approx(straight, rel=1e-9) and swaying == pytest.approx(straight, rel=0.01)  # it went 0.01 a farther
 
 
-def test_a_value_of_the_scene_overrides_the_rate():
+def test_the_rate_is_a_word_or_a_number_of_the_scene():
     for level, rate in itertools.product(EVERY, (0.0, 2.0)):
         spot = RollingSpot(level, pair(0.3, friction=1e6), renewal=rate)
         start = spot.shear(0.3).x
         for _ in range(10):
             force = spot.move(roll=0.1 * A).x
         assert force == pytest.approx(start * math.exp(-rate), rel=1e-7 if level == "exact" else 1e-12), level
-
-
-def test_the_rate_is_a_word_or_a_number():
     assert option_value(RENEWAL, "kalker", True) == "kalker" and option_value(RENEWAL, 0.3, True) == 0.3
     with pytest.raises(ValueError, match="expected 'kalker' or a number from 0 to 100, got 'hertz'"):
         option_value(RENEWAL, "hertz", True)

@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 import three_spot_theory as theory
-
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.explicit import bound
 from thirdbody.engine.guards import Ledger
@@ -107,8 +106,7 @@ def test_rocking_has_the_frequency_of_its_spring_and_the_decay_of_its_dashpot(ma
     """C = 2 zeta sqrt(k_r (7/5) m R^2), so a ball that turns in its place, I = (2/5) m R^2, decays at C/(2 I)."""
     simulation, omega, spin = rocked(make, 0.5, ratio)
     friction, own = simulation.state.A[run_totals.FRICTION_WORK], ratio * math.sqrt(3.5)
-    times = np.arange(0.02, 4.0 if ratio else 8.0, 0.02) * 2.0 * math.pi / omega
-    time, spins = follow(make, simulation, times, 1)
+    time, spins = follow(make, simulation, np.arange(0.02, 4.0 if ratio else 8.0, 0.02) * 2.0 * math.pi / omega, 1)
     turned = omega * math.sqrt(1.0 - own**2) * time
     expected = np.exp(-own * omega * time) * (np.cos(turned) - own / math.sqrt(1.0 - own**2) * np.sin(turned))
     # velocity Verlet's own error is (omega dt)^2/24 = 3e-5 of the frequency, here over 16 pi of phase; the velocity that feeds
@@ -132,8 +130,7 @@ def test_an_impact_changes_the_spin_by_mu_r_r_star_times_the_impulse(make, partn
         simulation = make.two_balls(make.STEEL, RADIUS, (speed, 0.0, 0.0), (0.0, spin, 0.0), **keys)
     ledger, before = Ledger(simulation.state), make.kinetic(simulation)
     make.leave(simulation, 2e-6)
-    radius = RADIUS if partners == "plane" else 0.5 * RADIUS
-    change = -mu_r * radius * 2.0 * speed / (0.4 * RADIUS**2)
+    change = -mu_r * (RADIUS if partners == "plane" else 0.5 * RADIUS) * 2.0 * speed / (0.4 * RADIUS**2)
     # the spring yields at a turn of 0.3 d/(mu_r R*), which takes 1e-3 of the impact and far less of the impulse
     assert make.spin(simulation)[1] - spin == pytest.approx(change, rel=2e-3)
     lines = ledger.lines(simulation.state)

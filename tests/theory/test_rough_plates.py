@@ -10,7 +10,6 @@ import pytest
 from rough import field, rough_plates
 from scipy.interpolate import make_interp_spline
 from scipy.optimize import brentq
-
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.neighbours import search
 from thirdbody.engine.state import refresh_spheres
@@ -114,8 +113,7 @@ def test_crest_and_valley_have_the_radius_of_hertz(lifted_ball, wavy, x, sign):
     scale = 6.0 * AMPLITUDE / (4.0 + 2.0 * math.cos(angle))
     bend = sign * scale * 2.0 * (1.0 - math.cos(angle)) * (CELLS / SIZE) ** 2 * (1.0 - 0.5 * RAMP * (1.0 - math.cos(angle)))
     force, gradient, _ = force_at(wavy, (x, 5.0, sign * AMPLITUDE + RADIUS - DEPTH))
-    flat = lifted_ball(crests, RADIUS, curved=False)
-    plain, none, _ = force_at(flat, (x, 5.0, sign * AMPLITUDE + RADIUS - DEPTH))
+    plain, none, _ = force_at(lifted_ball(crests, RADIUS, curved=False), (x, 5.0, sign * AMPLITUDE + RADIUS - DEPTH))
     # N goes as the root of the effective radius; rounding of coordinates of 10 m against an overlap of 2 mm: 1e-12
     assert force[2] / plain[2] == pytest.approx((1.0 + RADIUS * bend) ** -0.25, rel=1e-9)
     # where the surface is symmetric; rounding as above, with the root of the overlap

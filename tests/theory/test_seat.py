@@ -26,7 +26,6 @@ def spot(side, x, z):
 # the strut from the left foot to the top leans by 1.5/4 = .375 > mu; the right foot hangs .1 um above the plate
 LAME = (spot("upper", 0.5, 2.0), spot("lower", -1.0, -2.0), spot("lower", 1.0, -1.9))
 # no foot to the right: the strut of .375 falls, and lies down ever more
-FALLING = (spot("upper", 0.5, 2.0), spot("lower", -1.0, -2.0), spot("lower", -1.5, -1.9))
 
 
 def pressed(spots=LAME, level="mindlin", mu=MU, **path):
@@ -55,19 +54,16 @@ def test_a_particle_turns_into_its_seat_through_a_strut_that_does_not_hold(level
 
 def test_seats_by_load_and_by_indentation_of_a_mirror_image_and_of_an_even_particle():
     """Both count from first touch in the seat; they turn into it under loads that differ."""
-    first = pressed(indentation=10e-9).points[0]
-    same = pressed(load=first.N[0]).points[0]
+    same = pressed(load=pressed(indentation=10e-9).points[0].N[0]).points[0]
     # springs under tangential forces from the turning, at a hundredth of the load
     assert same.indentation == pytest.approx(10e-9, rel=0.005)
-    mirrored = [s | {"x": -s["x"]} for s in LAME]
-    here, there = pressed(), pressed(mirrored)
+    here, there = pressed(), pressed([s | {"x": -s["x"]} for s in LAME])
     assert there.seat.rotation == pytest.approx(-here.seat.rotation, rel=1e-9)  # of first touch
     assert there.points[0].N == pytest.approx(here.points[0].N, rel=1e-8)
-    even = (LAME[0] | {"x": 0.0}, LAME[1], LAME[2] | {"z": -2e-6})
-    assert pressed(even).seat is None
+    assert pressed((LAME[0] | {"x": 0.0}, LAME[1], LAME[2] | {"z": -2e-6})).seat is None
 
 
-def test_the_forecast_is_that_of_the_seat():
+def test_the_forecast_is_that_of_the_seat_and_none_where_the_particle_tips_over():
     """t = (x_1 - x)/h with the upper spot at x_1 and the feet at x, all turned: spheres of equal radius by their centres."""
     forecast = pressed().forecast
     c, sn = math.cos(TILT), math.sin(TILT)
@@ -77,10 +73,7 @@ def test_the_forecast_is_that_of_the_seat():
     # rotations of 4e-4 rad, and places that they move by 2 um of 4
     assert (forecast.t_min, forecast.t_max) == pytest.approx(((top - right) / h, (top - left) / h), abs=4e-4)
     assert forecast.possible == ["sticking", "sliding"]
-
-
-def test_a_particle_that_tips_over_has_no_static_state_and_no_forecast_of_one():
-    result = pressed(FALLING)
+    result = pressed((spot("upper", 0.5, 2.0), spot("lower", -1.0, -2.0), spot("lower", -1.5, -1.9)))
     assert result.points == [] and result.seat is None and result.stopped is not None and result.stopped.label == "rolling"
     # that of the two spots that touch; the third never does
     assert result.forecast.mu_required == pytest.approx(1.5 / 4.0, rel=1e-12) and result.forecast.possible == []

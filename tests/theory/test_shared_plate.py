@@ -7,7 +7,6 @@ import pytest
 import three_spot_theory as theory
 from scipy.optimize import brentq
 from slow import slow
-
 from thirdbody.engine.guards import Ledger
 from thirdbody.errors import GuardStop
 from thirdbody.kernels.arguments import Motion
@@ -238,8 +237,7 @@ def test_body_between_equal_plates_stays(make):
 
 @pytest.mark.parametrize("choice", ["stop", "continue"])
 def test_a_body_that_cannot_be_solved(make, choice):
-    bodies = [make.clump(make.HEXAGON, 3e-5 + 4e-5 * k) for k in range(3)]
-    simulation = alone(make, bodies, drag(), on_failure=choice)
+    simulation = alone(make, [make.clump(make.HEXAGON, 3e-5 + 4e-5 * k) for k in range(3)], drag(), on_failure=choice)
     one = simulation.integrator
     one.advance_to(time=simulation.settle)
     assert one.summary()["unsolved"] == {}

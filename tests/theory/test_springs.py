@@ -11,7 +11,6 @@ from each import each
 from theory.plain import plain
 from theory.spots import Spot
 from thirdbody_three_spot.mdr import MDR, SpringParameters
-
 from thirdbody.laws.data import Load
 
 E_STAR, G_STAR, RADIUS, MU = 1.0, 0.8, 1.0, 0.3
@@ -26,7 +25,7 @@ def driver_of(springs, mu=MU):
     return Spot(MDR, SpringParameters(G_STAR, mu, mu * E_STAR / G_STAR, 2.0), 2 * springs)
 
 
-def test_the_virgin_curve():
+def test_the_virgin_curve_reversal_and_loop():
     # all springs lie under the patch, those inside up to twice as wide; its edge falls somewhere in the last cell
     for springs, error in ((16, 1.5e-3), (64, 1e-4), (256, 6e-6)):
         driver = driver_of(springs)
@@ -36,10 +35,7 @@ def test_the_virgin_curve():
             expected = closed_forms.mindlin_loading(min(0.1 * k, 1.0) * CRITICAL, LIMIT, CRITICAL)
             assert force == pytest.approx(expected, abs=error * LIMIT), springs
         assert force <= LIMIT * (1.0 + 1e-12), "never beyond Coulomb's limit"
-
-
-def test_reversal_and_loop():
-    """Mindlin and Deresiewicz: the branches after a turn, and the work of the closed loop."""
+    # mindlin and Deresiewicz: the branches after a turn, and the work of the closed loop
     driver, turn, work = driver_of(128), 0.7 * CRITICAL, 0.0
     driver.move(0.01)
     top = -driver.move(0.01, turn).x
@@ -114,16 +110,13 @@ def test_curved_paths_are_of_first_order():
     assert errors[0] < 0.06 and np.all((orders > 0.8) & (orders < 1.3))
 
 
-def test_without_friction_and_with_a_great_deal():
+def test_no_friction_a_great_deal_and_a_step_to_an_absurd_overlap():
     assert driver_of(32, mu=0.0).move(0.01, 1.0).x == 0.0
     driver = driver_of(256, mu=1e9)
     driver.move(0.01)
     # all stick: T = 2 G* a s; the grid carries the edge of the patch to half a spring of 128 at least
     assert -driver.move(0.01, 1e-5).x == pytest.approx(2.0 * G_STAR * 0.1 * 1e-5, rel=0.5 / 128)
-
-
-def test_a_step_to_an_absurd_overlap_ends():
-    """A run whose step is too large gets there before a guard stops it: the grid cannot follow without bound."""
+    # a run whose step is too large gets there before a guard stops it: the grid cannot follow without bound
     load = Load(1.0, 1.0, 1.0, 1.0, 0.0)
     for start, overlap in itertools.product((0.0, 0.01), (1e6, 1e40, 1e300)):
         driver = driver_of(16)
@@ -140,11 +133,6 @@ STEPS = (1e-6, 1e-7)
 smaller one serves where a weak corner, of a spring with a small share of the force, lies within the other."""
 
 
-def tangent_of(spot, step):
-    xx, xy, yx, yy, xd, yd = spot.tangent(**step)
-    return np.array([[xx, xy, xd], [yx, yy, yd]])
-
-
 def scales(spot, step):
     """Sizes of the columns: 2 G* a, and that times kappa (the rate of the limit), or times the slip over the overlap."""
     patch, slip = 2.0 * G_STAR * theory.contact_radius(RADIUS, step["overlap"]), math.hypot(step["x"], step["y"])
@@ -153,7 +141,8 @@ def scales(spot, step):
 
 def compare(spot, step):
     """Largest miss of central differences over the size of its column; NaN at a corner, where one-sided ones lie apart."""
-    misses, size = [], scales(spot, step)
+    misses, size, (xx, xy, yx, yy, xd, yd) = [], scales(spot, step), spot.tangent(**step)
+    tangent = np.array([[xx, xy, xd], [yx, yy, yd]])
     force = lambda **change: np.array(spot.answer(**(step | change))[0][:2])  # noqa: E731
     for length in STEPS:
         central, apart, here = [], [], force()
@@ -163,7 +152,7 @@ def compare(spot, step):
             central.append((ahead - behind) / (2.0 * e))
             apart.append(np.abs(ahead - 2.0 * here + behind) / e)
         corner = np.any(np.column_stack(apart) > 1e-4 * size)
-        misses.append(math.nan if corner else float((np.abs(np.column_stack(central) - tangent_of(spot, step)) / size).max()))
+        misses.append(math.nan if corner else float((np.abs(np.column_stack(central) - tangent) / size).max()))
     return misses[0] if math.isnan(misses[0]) else float(np.nanmin(misses))
 
 
@@ -173,14 +162,6 @@ def somewhere(rng, size, low, high, **more):
     return {"overlap": overlap, "x": x, "y": y} | more
 
 
-KINDS = {
-    "stick": (0.01, 0.95, 1.05),
-    "partial slip": (0.3, 0.8, 1.2),
-    "full slip": (5.0, 0.5, 2.0),
-    "growing, with merges": (0.3, 1.2, 40.0),
-    "growing and turning in full slip": (60.0, 2.0, 40.0),
-    "shrinking": (0.3, 0.05, 0.7),
-}
 ROUNDING = 3e-9
 """Rounding of the differences is 1e-10 of a column's size for one step, some springs that are short of a corner add to that."""
 
@@ -195,7 +176,14 @@ def agree(misses, name=""):
 def test_tangents_agree_with_differences(case):
     """`share` scales the elastic force, so that the bound of a spring is constant; `viscous` does not, so that it moves."""
     springs, mu, more = case
-    for kind, bounds in KINDS.items():
+    for kind, bounds in {
+        "stick": (0.01, 0.95, 1.05),
+        "partial slip": (0.3, 0.8, 1.2),
+        "full slip": (5.0, 0.5, 2.0),
+        "growing, with merges": (0.3, 1.2, 40.0),
+        "growing and turning in full slip": (60.0, 2.0, 40.0),
+        "shrinking": (0.3, 0.05, 0.7),
+    }.items():
         rng, misses = np.random.default_rng(11), []
         for _ in range(8):
             spot = driver_of(springs, mu)
@@ -205,16 +193,13 @@ def test_tangents_agree_with_differences(case):
         agree(misses, kind)
 
 
-def test_first_touch():
+def test_first_touch_and_after_a_gap():
     """A virgin contact takes the grid of the overlap at once; the slip is shared over the overlap."""
     rng, misses = np.random.default_rng(4), []
     for size in (0.01, 0.3, 5.0):
         misses += [compare(driver_of(springs), somewhere(rng, size, 0.1, 3.0)) for springs in (4, 16, 32) for _ in range(3)]
     agree(misses)
-
-
-def test_after_a_gap():
-    """A negative overlap before the step: the part of the slip before touch is lost."""
+    # a negative overlap before the step: the part of the slip before touch is lost
     rng, misses = np.random.default_rng(6), []
     for _ in range(8):
         spot = driver_of(16)

@@ -15,7 +15,6 @@ from steel import scene_text
 from theory.spots import Spot
 from thirdbody_three_spot.exact import EXACT, NODES
 from thirdbody_three_spot.mdr import MDR, SpringParameters
-
 import thirdbody
 from thirdbody.laws.friction import COULOMB, MINDLIN, CoulombParameters, MindlinParameters
 

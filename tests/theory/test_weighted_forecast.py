@@ -10,7 +10,6 @@ from each import each
 from slow import slow
 from theory.plain import plain
 from thirdbody_three_spot import classify, support
-
 from thirdbody import plugin as k
 
 EDGES = 64  # as ours, but with the edges elsewhere: each pyramid is within PYRAMID of its cone
@@ -22,7 +21,6 @@ WRENCHES = {
     "buoyancy and a pull": (0.05, -0.03, 0.2, 0.0, 0.0, 0.0),
     "weight, pull and torque": (0.05, -0.03, -0.5, 0.02, 0.05, -0.03),
 }  # over the load of the upper side, and that times a micrometre
-UPDATE = plain(classify.update_history)
 LABELS = classify.label, classify.label_without_forecasts, classify.label_without_effects
 LABEL, WITHOUT_FORECASTS, WITHOUT_EFFECTS = map(plain, LABELS)
 
@@ -42,7 +40,7 @@ def label(upper, lower, heights, wrench, frictions, drag, kernel=LABEL):
     C[:, k.loaded_contact.FRICTION_LIMIT] = np.where(above, *frictions) * C[:, k.loaded_contact.LOAD]
     b[k.observed_body.QUATERNION], b[k.observed_body.DRAG2] = 1.0, drag
     b[k.observed_body.EFFECT_FORCE : k.observed_body.EFFECT_FORCE + 6] = LOAD * np.array(wrench) * (1.0, 1.0, 1.0, UM, UM, UM)
-    UPDATE(C, n, b, memory)
+    plain(classify.update_history)(C, n, b, memory)
     kernel(C, n, b, memory, out)
     return dict(zip(classify.EXTRAS, out[-len(classify.EXTRAS) :], strict=True))
 

@@ -2,10 +2,10 @@
 
 import json
 import math
-from functools import partial
 
 import numpy as np
 import pytest
+from balls import edited
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from portable import drawn as inked
@@ -15,7 +15,6 @@ from thirdbody_three_spot.balance_command import balance_command, plot, table
 from thirdbody_three_spot.balance_file import BalanceFile
 from thirdbody_three_spot.regime_map import COLORS, MapPoint, draw_map
 from three_spot_theory import regime
-
 import thirdbody
 from thirdbody.errors import InputError, OutputError, UsageError
 from thirdbody.palette import STATE_COLORS
@@ -51,18 +50,14 @@ steps = 24
 @pytest.fixture
 def write(tmp_path):
     def make(*changes):
-        text = FILE
-        for old, new in changes:
-            assert old in text, old
-            text = text.replace(old, new, 1)
         path = tmp_path / "particle.toml"
-        path.write_text(text, encoding="utf-8")
+        path.write_text(edited(FILE, *changes), encoding="utf-8")
         return path
 
     return make
 
 
-def test_json_has_the_promised_keys(write, capsys, tmp_path):
+def test_json_has_the_promised_keys_and_tangential_forces_in_space_are_vectors(write, capsys, tmp_path):
     balance_command(write(), json=True, level="mindlin", out=tmp_path / "a.png")
     seen = capsys.readouterr()
     report = json.loads(seen.out, parse_constant=lambda word: pytest.fail(word))
@@ -76,9 +71,6 @@ def test_json_has_the_promised_keys(write, capsys, tmp_path):
     assert len(first["N"]) == 3 and isinstance(first["T"][0], float) and isinstance(first["phi"], float)
     assert report["moduli"]["upper"]["e_star"] == pytest.approx(129729729729.730, rel=1e-13)  # Eq. 4
     assert report["moduli"]["lower"]["g_star"] == pytest.approx(94117647058.8235, rel=1e-13)  # Eq. 14
-
-
-def test_in_space_tangential_forces_are_vectors(write):
     result = balance(write(("steps = 24", "steps = 2\ndirection = [0, 1]")), "mindlin")
     point = result.points[-1]
     assert not result.planar and (len(point.T[0]), len(point.u), len(point.phi)) == (2, 2, 3)
@@ -98,7 +90,7 @@ def test_the_table_reports_what_changes_stops_and_cannot_be_compared(write, caps
     assert "upper side: not elastically similar (Dundurs' beta -0.274)" in capsys.readouterr().err
 
 
-def test_all_faults_at_once_with_line_and_nearest_name(write):
+def test_faults_at_once_with_line_and_nearest_name_and_each_alone(write):
     path = write(
         ("poisson_ratio = 0.3\n", "poisson_ratio = 0.7\n"), ('"60 GPa"', '"60 um"'), ('side = "upper"', 'side = "top"'),
         ("[friction]\nupper = 0.3", "[friction]\nuper = 0.3"), ('drag = "12 nm"', 'drag = "12 nm"\nload = "1 N"'),
@@ -112,17 +104,11 @@ def test_all_faults_at_once_with_line_and_nearest_name(write):
     ):  # fmt: skip
         assert part in report
     assert len(problem.value.faults) == 5 and problem.value.exit_code == 3
-
-
-FAULTS = [
-    (("balance = 1\n", ""), "write balance = 1"), (('weight = "0 N"', "quaternion = [1, 0, 0, 0]"), "turns a clump"),
-    (('z = "2 um"', 'z = "-3 um"'), "not above the lower ones"), (("steps = 24", "direction = [0, 0]"), "has no length"),
-    (('indentation = "10 nm"\n', ""), "give one of indentation, load"), (("steps = 24", "steps = 24 nm"), "not valid TOML"),
-]  # fmt: skip
-
-
-def test_single_faults(write):
-    for change, text in FAULTS:
+    for change, text in [
+        (("balance = 1\n", ""), "write balance = 1"), (('weight = "0 N"', "quaternion = [1, 0, 0, 0]"), "turns a clump"),
+        (('z = "2 um"', 'z = "-3 um"'), "not above the lower ones"), (("steps = 24", "direction = [0, 0]"), "has no length"),
+        (('indentation = "10 nm"\n', ""), "give one of indentation, load"), (("steps = 24", "steps = 24 nm"), "not valid TOML"),
+    ]:  # fmt: skip
         with pytest.raises(InputError) as problem:
             BalanceFile.load(write(change))
         assert text in str(problem.value) and len(problem.value.faults) == 1
@@ -197,23 +183,15 @@ def test_close_spots_share_the_plate(write):
         assert [hertz[1] + g * other, hertz[2] + g * one] == pytest.approx(sinks, rel=1e-9) and g * other > 0.005 * hertz[1]
 
 
-@pytest.fixture
-def command(command):
-    return partial(command, "map")
-
-
-def test_the_suffix_is_the_format(command, tmp_path):
-    assert command() == (0, "map.png\n", "")
+def test_the_suffix_is_the_format_and_json_reports_fig_2_and_the_limits(command, tmp_path):
+    assert command("map") == (0, "map.png\n", "")
     data = (tmp_path / "map.png").read_bytes()
     assert data.startswith(b"\x89PNG") and len(data) > 20_000  # an empty canvas of this size takes 8 kB
-    code, out, err = command("--json", "-o", "b.svg")  # stays JSON beside a picture
+    code, out, err = command("map", "--json", "-o", "b.svg")  # stays JSON beside a picture
     assert code == 0 and json.loads(out)["fig2"]["H"] == 1.0 and err == "b.svg\n"
     assert (tmp_path / "b.svg").read_bytes().startswith(b"<?xml")
-
-
-def test_json_reports_fig_2_and_the_limits(command, tmp_path):
-    code, out, err = command("--json", "--H", "0.6", "--half-width", "0.25")
-    assert code == 0 and err == "" and not list(tmp_path.iterdir())
+    code, out, err = command("map", "--json", "--H", "0.6", "--half-width", "0.25")
+    assert code == 0 and err == "" and len(list(tmp_path.iterdir())) == 2  # no more files
     report = json.loads(out)
     fig, limits = report["fig2"], report["regimes"]
     n, z = np.meshgrid(fig["n_2"], fig["zeta_2"])

@@ -1,5 +1,4 @@
-"""Beds: measures of states made by hand against closed forms, a column of balls at rest, the verdict on how slow shear is;
-velocity accommodation: closed forms for one body and for a bed, runs of balls and flakes."""
+"""Beds: measures and velocity accommodation against closed forms, a column at rest, the verdict on slow shear, short runs."""
 
 import json
 import math
@@ -14,7 +13,6 @@ from balls import BALLS, edited
 from each import each
 from layer import write_layer
 from steel import scene_text
-
 import thirdbody
 from thirdbody.assembly.simulation import build
 from thirdbody.bodies.clump import clump
@@ -62,7 +60,7 @@ def measured(state, gap, velocities=None, elastic=0.0):
     return BedMeasures(state, MODULUS).series(PRESSURE, velocities, gap, elastic)
 
 
-def test_the_solid_fraction_of_a_crystal():
+def test_the_solid_fraction_of_a_crystal_and_of_clumps():
     for layers in (4, 5, 9):  # one layer is left out at each plate
         series = measured(*crystal(layers))
         assert tuple(series) == BED and series["solid_fraction"] == pytest.approx(math.pi / 6.0, rel=1e-12)
@@ -72,14 +70,10 @@ def test_the_solid_fraction_of_a_crystal():
     state.S[:, 2] += 0.7 * R
     # the slab cuts balls at both ends at the same height of the crystal: what one end loses the other gains
     assert measured(state, gap)["solid_fraction"] == pytest.approx(math.pi / 6.0, rel=1e-12)
-
-
-def test_clumps_count_with_the_volume_of_their_union():
     pair = clump([[-0.5 * R, 0.0, 0.0], [0.5 * R, 0.0, 0.0]], [R, R])
     lens = math.pi * (4.0 * R + R) * (2.0 * R - R) ** 2 / 12.0  # of two equal balls at the distance R
     volume = 8.0 / 3.0 * math.pi * R**3 - lens
-    positions = [[2.0 * R, 2.0 * R, (1.0 + 2.0 * k) * R] for k in range(10)]
-    state = state_of([pair] * 10, positions, (4.0 * R, 4.0 * R))
+    state = state_of([pair] * 10, [[2.0 * R, 2.0 * R, (1.0 + 2.0 * k) * R] for k in range(10)], (4.0 * R, 4.0 * R))
     d = 2.0 * np.cbrt(0.75 * volume / math.pi)
     assert BedMeasures(state, MODULUS).median == pytest.approx(d, rel=1e-9)
     # a largest diameter is left out at each plate: six whole clumps, and of two what the cut leaves of their balls
@@ -89,14 +83,13 @@ def test_clumps_count_with_the_volume_of_their_union():
     assert measured(state, 20.0 * R)["solid_fraction"] == pytest.approx(expected, rel=1e-9)
 
 
-def test_the_inertial_number_of_plane_shear():
+def test_plane_shear_has_its_inertial_number_and_no_energy_of_fluctuation():
     small, large = clump([[0.0, 0.0, 0.0]], [R]), clump([[0.0, 0.0, 0.0]], [1.2 * R])
     z = np.linspace(R, 39.0 * R, 60)
     positions = np.column_stack([np.zeros(60), np.zeros(60), z])
     state = state_of([small] * 50 + [large] * 10, positions, (40.0 * R, 40.0 * R))
     rate = 1e4
-    velocities = np.column_stack([np.zeros(60), -rate * z, np.zeros(60)])
-    series = measured(state, 40.0 * R, velocities)
+    series = measured(state, 40.0 * R, np.column_stack([np.zeros(60), -rate * z, np.zeros(60)]))
     expected = rate * 2.0 * R * math.sqrt(DENSITY / PRESSURE)
     assert series["inertial_number"] == pytest.approx(expected, rel=1e-9)
     assert series["inertial_number_largest"] == pytest.approx(1.2 * expected, rel=1e-9)
@@ -104,9 +97,6 @@ def test_the_inertial_number_of_plane_shear():
     diameters = np.array([1.0] * 100 + [3.0] * 10)
     assert median_by_mass(diameters, diameters**3) == 3.0  # 270 of 370
     assert median_by_mass(diameters, np.ones(110)) == 1.0
-
-
-def test_the_mean_flow_has_no_energy_of_fluctuation():
     state, gap = crystal(6)
     state.B[:, body.VELOCITY3] = np.outer(1e4 * state.bodies.position[:, 2], [0.6, 0.8, 0.0]) + [3.0, 0.0, 0.1]
     kinetic = 0.5 * float(state.bodies.mass @ np.sum(state.bodies.velocity**2, axis=1))
@@ -157,8 +147,7 @@ def test_a_column_of_balls_at_rest_has_the_measures_of_statics(column, tmp_path)
 
 
 def test_what_is_no_bed_has_no_measures(column, tmp_path):
-    alone = column.with_settings({"contact.debris_contact": "none"})
-    loop = RunLoop(build(alone), RunFolder(tmp_path))
+    loop = RunLoop(build(column.with_settings({"contact.debris_contact": "none"})), RunFolder(tmp_path))
     assert loop.means is None and loop.maker.bed is None
     assert not set(BED) & set(loop.maker.frame(None).series)
     sliced = RunLoop(build(column.with_settings({"output.profiles": 5})), RunFolder(tmp_path))
@@ -227,7 +216,7 @@ def test_the_steady_part(row):
     assert np.flatnonzero(result.steady).tolist() == list(range(first, last + 1))
 
 
-def test_the_verdicts_give_the_number_and_what_it_means():
+def test_the_verdicts_give_the_number_and_the_rise_is_that_of_the_published_law():
     assert inertia_verdict(8e-4) == "quasi-static: I = 0.0008, friction within 0.0007 of its slow limit"
     assert inertia_verdict(4e-3) == "nearly quasi-static: I = 0.004 raises friction by about 0.004"
     assert inertia_verdict(0.02) == "not quasi-static: I = 0.02 raises friction by about 0.02"
@@ -235,9 +224,6 @@ def test_the_verdicts_give_the_number_and_what_it_means():
     for softness, word in limits.items():
         said = beds.softness_verdict(softness, 1e-4)
         assert said.startswith(word) and "0.01 % of the radius" in said
-
-
-def test_the_rise_is_that_of_the_published_law():
     # Jop et al.: mu_s = tan 20.9, mu_2 = tan 32.76, I_0 = 0.279; two digits are printed
     low, high, scale = np.tan(np.radians(20.9)), np.tan(np.radians(32.76)), 0.279
     for number in (1e-3, 1e-2, 0.1, 1.0):
@@ -291,10 +277,9 @@ def test_one_body_between_the_plates(name):
         plate.schedule = Schedule(y=plate.schedule.x)
 
 
-def test_beds_are_sheared_between_the_bodies_that_pass_load_on():
+def test_beds_are_sheared_between_the_bodies_that_pass_load_on_and_told_in_words():
     bodies = [(0.1 * V, 0.2 * V / R), (0.5 * V, 0.4 * V / R), (0.9 * V, 0.05 * V / R)]
-    between = (DEBRIS, (0.0, 0.0, R))
-    contacts = [(0, BOTTOM, 2e-4), (1, between, 3e-4), (2, TOP, 2e-4)]
+    contacts = [(0, BOTTOM, 2e-4), (1, (DEBRIS, (0.0, 0.0, R)), 3e-4), (2, TOP, 2e-4)]
     # upper: V - 0.9 V - 0.05 V; lower: 0.1 V - 0.2 V; rolling: 0.05 V + 0.2 V; shear: 0.9 V - 0.1 V; not the body in the middle
     assert parts(bodies, contacts) == pytest.approx([0.05 * V, -0.1 * V, 0.25 * V, 0.8 * V], abs=1e-13 * V)
     ball, thrown = (0.5 * V, 0.5 * V / R), (7.0 * V, 0.0)
@@ -305,9 +290,6 @@ def test_beds_are_sheared_between_the_bodies_that_pass_load_on():
     p, q = transmitting_weights(np.array([2.0, 3.0, 0.0]), np.array([2.0, 1.0, 2.0]), True)
     # body 0 and a third of body 1's load go straight down, the other 2 N through body 1, between bodies, and body 2
     assert p == pytest.approx([0.4, 0.6, 0.0]) and q == pytest.approx([0.4, 0.2, 0.4])
-
-
-def test_shares_in_words_leave_nothings_out():
     fractions = {"upper_slip": 0.321, "lower_slip": -0.02, "rolling": 0.699, "shear": 0.0}
     text = "70 % rolling, 32 % slip at the upper plate, \u22122 % slip at the lower plate"
     assert beds.accommodation_text(fractions).replace("\u00a0", " ") == text
@@ -332,7 +314,7 @@ def check_sum(run):
     assert settled.sum() > 5 and total[1:][settled] == pytest.approx(means[settled], rel=1e-9)
 
 
-def test_balls_only_roll_and_flakes_only_slip(tmp_path):
+def test_balls_only_roll_flakes_only_slip_and_a_plate_at_rest_has_no_parts(tmp_path):
     with run_of(tmp_path / "balls") as run:
         check_sum(run)
         assert beds.accommodation_fractions(run.drag)["rolling"] == pytest.approx(1.0, abs=0.01)  # creep and the ramp's vibration
@@ -351,9 +333,6 @@ def test_balls_only_roll_and_flakes_only_slip(tmp_path):
             points = np.column_stack((0.5 * (x[:-1] + x[1:]), factor * y[1:]))
             within = [area.get_paths()[0].contains_points(points) for area in axes.collections]
             assert (np.any(within, axis=0) == inside).all()
-
-
-def test_a_plate_at_rest_has_no_parts(tmp_path):
     text = edited(BALLS, ('motion = {x = {velocity = "0.5 m/s"}}\n', ""), ('distance = "0.1 um"', 'duration = "0.1 us"'))
     with thirdbody.run(thirdbody.Scene.parse(edited(text, ("0.05 um", "1 us"))), out=tmp_path / "rest", progress=False) as run:
         assert not set(ACCOMMODATION) & set(run.series) and "accommodation" not in run.summary()

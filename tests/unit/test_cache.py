@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numba
 import pytest
-
 from thirdbody.errors import OutputError
 from thirdbody.jit import cache  # what is tested is in place once kernels are imported
 from thirdbody.laws import generated

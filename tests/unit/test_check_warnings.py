@@ -10,9 +10,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from balls import edited
 from each import each
 from steel import SCENES, scene_text
-
 from thirdbody.api import run
 from thirdbody.assembly.cautions import adhesion_warnings, expected_heat, expected_wear, neighbours
 from thirdbody.assembly.plate_load import refuse_crushing, times
@@ -33,7 +33,6 @@ DEBRIS = '[[debris]]\nmaterial = "steel"\nkind = "irregular"\nspheres = 1\naspec
 DEBRIS += 'size = {distribution = "lognormal", median = "10 um", sigma = 0.2, min = "9 um", max = "11 um"}'
 UPPER = 'support = "load_per_particle"\nload = "0.01 mN"\nmotion = {x = {velocity = "1 mm/s"}}'
 SOLVER = 'distance = "10 nm"\nsettle = "0.1 us"\nintegrator = "explicit"'
-BALL = scene_text(DEBRIS, '["60 um", "60 um"]', UPPER, solver=SOLVER, every="10 nm")
 BED = (
     ("count = 1", 'count = 40\nplacement = "dense"'), ('["60 um", "60 um"]', '["30 um", "30 um"]'),
     ('support = "load_per_particle"', 'support = "rigid"'),
@@ -71,21 +70,16 @@ WARNINGS = {
 
 
 def scene(*changes: tuple[str, str]) -> Scene:
-    text = BALL
-    for old, new in changes:
-        assert old in text, old
-        text = text.replace(old, new, 1)
-    return Scene.parse(text, "x.toml")
+    return Scene.parse(edited(scene_text(DEBRIS, '["60 um", "60 um"]', UPPER, solver=SOLVER, every="10 nm"), *changes), "x.toml")
 
 
 @each(WARNINGS)
 def test_what_is_unusual_is_warned_of_with_its_number_and_remedy(name):
     changes, words = WARNINGS[name]
-    found = [warning for warning in build(scene(*changes)).warnings if all(word in warning for word in words)]
-    assert len(found) == 1
+    assert len([warning for warning in build(scene(*changes)).warnings if all(word in warning for word in words)]) == 1
 
 
-def test_a_pair_that_is_not_elastically_similar_is_warned_of():
+def test_dissimilar_pairs_and_every_pair_that_a_foundation_presses_are_warned_of():
     glass = '[materials.glass]\nyoungs_modulus = "70 GPa"\npoisson_ratio = 0.2\ndensity = "2500 kg/m3"\n'
     betas = []
     for names in ('"steel", "glass"', '"glass", "steel"'):
@@ -95,10 +89,7 @@ def test_a_pair_that_is_not_elastically_similar_is_warned_of():
     g, h = 210.0 / 2.6, 70.0 / 2.4  # shear moduli
     beta = (0.4 / g - 0.6 / h) / (2.0 * (0.7 / g + 0.8 / h))
     assert sorted(betas) == pytest.approx([-abs(beta), abs(beta)], abs=6e-4)  # three digits
-
-
-def test_a_foundation_is_warned_of_every_pair_that_it_presses():
-    """The soft debris, which yields first, does not hide behind the hard grains, which carry more."""
+    # the soft debris, which yields first, does not hide behind the hard grains, which carry more
     warnings = "\n".join(build(Scene.load(SCENES / "mixed_population.toml")).warnings)
     assert "steel/bronze: expected peak pressure" in warnings and "steel/alumina: expected peak pressure" in warnings
 
@@ -178,7 +169,7 @@ def test_a_load_that_all_bodies_share_is_not_laid_on_one():
     assert four.upper.shared_overlap == pytest.approx(four.upper.overlap * 4.0 ** (-2.0 / 3.0), rel=1e-6)
 
 
-def test_a_long_run_a_large_file_and_frames_that_take_days_are_reported():
+def test_a_long_run_a_large_file_slow_frames_and_a_trial_that_a_guard_stops_are_reported():
     report = list(run_warnings(build(scene()), 2.2e6, 1e3, 50e9, "stopped at t = 0 s"))
     assert "stopped by a guard" in report[0] and "stopped at t = 0 s" in report[0]
     assert "about 25 days (2.2e+06 s)" in report[1] and "solver.distance" in report[1]
@@ -186,11 +177,7 @@ def test_a_long_run_a_large_file_and_frames_that_take_days_are_reported():
     assert list(run_warnings(build(scene()), 80000.0, 79000.0, 9e9, "")) == []
     (report,) = run_warnings(build(scene()), 3e5, 2.5e5, 1e9, "")
     assert "frames would take about 2.9 days" in report and 'output.every = "30 nm" leaves 1 days or less' in report
-
-
-def test_a_trial_that_a_guard_stops_is_a_warning():
-    built = build(scene(("[output]", 'time_step = "30 ns"\n[output]')), force=True)
-    report = check.check_report(built)
+    report = check.check_report(build(scene(("[output]", 'time_step = "30 ns"\n[output]')), force=True))
     assert math.isnan(report["estimated_wall_time"])
     words = "a trial of the first steps was stopped by a guard, and so will the run be: stopped at"
     assert report["warnings"][0].startswith(words)

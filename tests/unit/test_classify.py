@@ -7,7 +7,6 @@ import pytest
 from each import each
 from label_rig import DT, LABEL_WITH_EFFECTS, S_C, STILL, A, Rig, Spot, View
 from thirdbody_three_spot import classify as c
-
 from thirdbody import plugin as k
 
 BELOW, ABOVE, BOTH = 1, 2, 3  # sliding_side
@@ -66,8 +65,7 @@ def slides_below(view):
     rig = three_spot(view).slide(0.4 * S_C, [0, 1], 3)
     rig.has(*STICKING)  # the first stride of a drag is its start: .8 s_c so far
     rig.slide(0.4 * S_C, [0, 1]).has(*SLIDING)
-    assert rig.last["sliding_side"] == BELOW
-    assert rig.last["friction_lower"] == pytest.approx(0.0, abs=1e-15) and rig.last["friction_upper"] == 1.0
+    rig.shows(sliding_side=BELOW, friction_lower=pytest.approx(0.0, abs=1e-15), friction_upper=1.0)
     rig.slide(0.05, [0, 1], 3).has(*SLIDING)  # 0.15 of drag closed a window, in this one nothing slips yet
     rig.slide(0.05, [0, 1], 2).spots[0].force = (0.981, 0.0, 0.0)  # the limit to 2 %
     rig.move(1e-6).has(*SLIDING).spots[0].force = (0.979, 0.0, 0.0)  # one spot holds: the side does not slide
@@ -76,22 +74,18 @@ def slides_below(view):
 
 def one_of_two_slides_above(view):
     rig = Rig([lower(0.0), upper(-1.0), upper(0.8)], view).move(dt=0.0).slide(0.4 * S_C, [1], 4).has(*STICKING)
-    assert rig.last["friction"] == pytest.approx(0.0, abs=1e-15) and rig.last["friction_upper"] == 1.0  # the other holds
-    return rig
+    return rig.shows(friction=pytest.approx(0.0, abs=1e-15), friction_upper=1.0)  # the other holds
 
 
 def slides_on_both_sides_then_stops(view):
-    rig = three_spot(view).slide(10.0 * S_C, [0, 1, 2], 2).has(*SLIDING)
-    assert rig.last["sliding_side"] == BOTH
+    rig = three_spot(view).slide(10.0 * S_C, [0, 1, 2], 2).has(*SLIDING).shows(sliding_side=BOTH)
     rig.move(moving=0.0).has(*STICKING)  # T is left at mu N
     return rig.move(0.5 * S_C, slip=[0.5 * S_C] * 3, times=2).has(*STICKING)
 
 
 def stroke_reverses(view):
     rig = three_spot(view).slide(0.02, [2], 20).has(*SLIDING)
-    rig.slide(-0.4 * S_C, [2], 2).has(*STICKING).slide(-2.0 * S_C, [2]).has(*SLIDING)
-    assert rig.last["sliding_side"] == ABOVE
-    return rig
+    return rig.slide(-0.4 * S_C, [2], 2).has(*STICKING).slide(-2.0 * S_C, [2]).has(*SLIDING).shows(sliding_side=ABOVE)
 
 
 def turns_a_little_in_every_window(view):
@@ -113,9 +107,7 @@ def spins_many_turns(view):
 def tips(view):
     rig = three_spot(view).slide(0.02, [0, 1, 2], 3).has(*SLIDING)
     rig.spots = [rig.spots[1], rig.spots[2]]  # the rear spot lifts off
-    rig.move(0.01 * A, 0.004 * A, times=4).has(*LIFTED)
-    assert rig.last["determinacy"] == -1.0
-    return rig
+    return rig.move(0.01 * A, 0.004 * A, times=4).has(*LIFTED).shows(determinacy=-1.0)
 
 
 def pivots(view):
@@ -129,10 +121,8 @@ def skids_on_one_plate(view):
     rig = Rig([lower(0.0, force=(-1.0, 0.0, 0.0))], view).move(dt=0.0)
     rig.velocity = (10.0, 0.0, 0.0)
     rig.move(turn=0.01 / 3.0, slip=[0.01 * 2.0 / 3.0], times=40).has(*SLIDING)  # it also spins, at a third of what rolling asks
-    assert rig.last["sliding_side"] == BELOW
-    rig.spots[0].force = STILL
-    rig.move(turn=0.01, times=40).has(*ROLLING)
-    assert rig.last["roll_ratio"] == pytest.approx(2.0, rel=1e-9)  # D is twice the radius
+    rig.shows(sliding_side=BELOW).spots[0].force = STILL
+    rig.move(turn=0.01, times=40).has(*ROLLING).shows(roll_ratio=pytest.approx(2.0, rel=1e-9))  # D is twice the radius
     rig.velocity = STILL
     return rig.move(times=40).has(*ONE_SIDED)  # one span of rest, 17 ms at this load, after the one it stopped in
 
@@ -172,9 +162,7 @@ def lifted(view, *strides):
 def snaps_over(view):
     rig = lifted(view, 0.02 * A, 0.28, 1).has(*LIFTED)  # 16 degrees within an instant of free
     rig.slide(0.2 * A, [], 25).has(*ROLLING)  # beyond the window in which it landed: its ratio stands until the next one is over
-    rig.slide(0.2 * A, [], 20).has(*STICKING)
-    assert rig.last["rolled_distance"] == 0.0  # nothing rolled in the air
-    return rig
+    return rig.slide(0.2 * A, [], 20).has(*STICKING).shows(rolled_distance=0.0)  # nothing rolled in the air
 
 
 def lands_after_a_whole_turn(view):
@@ -186,11 +174,8 @@ def lands_without_a_turn(view):
 
 
 def without_friction(view):
-    rig = three_spot(view, limit=0.0).move(0.001).has(*STICKING)
-    assert rig.last["friction"] == 1.0
-    rig.move(0.001, slip=[0.0, 0.0, 0.001]).has(*SLIDING)
-    assert rig.last["sliding_side"] == ABOVE and rig.last["friction"] == 0.0
-    return rig
+    rig = three_spot(view, limit=0.0).move(0.001).has(*STICKING).shows(friction=1.0)
+    return rig.move(0.001, slip=[0.0, 0.0, 0.001]).has(*SLIDING).shows(sliding_side=ABOVE, friction=0.0)
 
 
 def layer_of_debris(view, turning=0.0, slipping=0.0):
@@ -207,22 +192,16 @@ def layer_of_debris(view, turning=0.0, slipping=0.0):
 
 
 def layer_sticks(view):
-    rig = layer_of_debris(view).has(*STICKING)
-    assert rig.last["friction"] == pytest.approx(0.0, abs=1e-15)  # the lateral spot counts here
-    return rig
+    return layer_of_debris(view).has(*STICKING).shows(friction=pytest.approx(0.0, abs=1e-15))  # the lateral spot counts here
 
 
 def layer_slides(view):
-    rig = layer_of_debris(view, slipping=1.0).has(*SLIDING)
-    assert rig.last["sliding_side"] == ABOVE
-    return rig
+    return layer_of_debris(view, slipping=1.0).has(*SLIDING).shows(sliding_side=ABOVE)
 
 
 def layer_rolls(view):
-    rig = layer_of_debris(view, turning=0.5).has(*ROLLING)
     # .01 of surface travel a stride (not the .5 of the plates), D from the load centres at .9 and -.8
-    assert rig.last["roll_ratio"] == pytest.approx(0.5 * 1.7, rel=1e-9)
-    return rig
+    return layer_of_debris(view, turning=0.5).has(*ROLLING).shows(roll_ratio=pytest.approx(0.5 * 1.7, rel=1e-9))
 
 
 def between_plate_and_debris(view):
@@ -244,14 +223,11 @@ def seats_while_pressed(view):
 def out_of_balance(view):
     rig = three_spot(view).slide(0.01, [2], 3)
     rig.force = (0.0, 0.0, 0.04 * 4.0)
-    rig.move(0.01, slip=[0.0, 0.0, 0.01]).has(*SLIDING)
-    assert rig.last["force_balance"] == pytest.approx(0.2, rel=1e-12)
+    rig.move(0.01, slip=[0.0, 0.0, 0.01]).has(*SLIDING).shows(force_balance=pytest.approx(0.2, rel=1e-12))
     rig.force = (0.0, 0.0, 0.06 * 4.0)
     rig.move(0.01, slip=[0.0, 0.0, 0.01]).has(*UNBALANCED)
     rig.force, rig.torque = STILL, (0.0, 0.06 * 4.0 * 2.0, 0.0)
-    rig.move(0.01, slip=[0.0, 0.0, 0.01]).has(*UNBALANCED)
-    assert rig.last["moment_balance"] == pytest.approx(-0.2, rel=1e-12)
-    return rig
+    return rig.move(0.01, slip=[0.0, 0.0, 0.01]).has(*UNBALANCED).shows(moment_balance=pytest.approx(-0.2, rel=1e-12))
 
 
 # a start or stop counts from the observation that sees it, so that finer observation loses less of the first stride: histories
@@ -271,16 +247,13 @@ def test_histories_also_by_the_labeller_with_forecasts_of_effects(history):
     assert history(View()).frames == history(View(label=LABEL_WITH_EFFECTS)).frames
 
 
-VIEWS = {
-    "micrometres": View(unit=1e-6), "mirrored": View(mirrored=True), "turned": View(quarter_turns=1),
-    "other order, kilometres": View(backward=True, unit=1e3),
-}  # fmt: skip
-
-
 @by_name
 def test_frames_do_not_depend_on_the_view(history):
     expected = history(View()).frames
-    for name, view in VIEWS.items():
+    for name, view in {
+        "micrometres": View(unit=1e-6), "mirrored": View(mirrored=True), "turned": View(quarter_turns=1),
+        "other order, kilometres": View(backward=True, unit=1e3),
+    }.items():  # fmt: skip
         for there, here in zip(expected, history(view).frames, strict=True):
             here["rolled_distance"] /= view.unit
             assert (here["state"], here["reason"]) == (there["state"], there["reason"]), name

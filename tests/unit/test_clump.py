@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from each import each
 from steel import scene_text
-
 import thirdbody.bodies.clump as module
 from thirdbody.assembly.populate import population_context
 from thirdbody.assembly.simulation import build
@@ -40,8 +39,7 @@ def revolved_pair(d, r1, r2):
 
     volume = integral(lambda p: p)
     middle = integral(lambda p: p * x) / volume
-    axial = integral(lambda p: p * p / 2.0)
-    return volume, axial, integral(lambda p: p * p / 4.0 + p * (x - middle) ** 2)
+    return volume, integral(lambda p: p * p / 2.0), integral(lambda p: p * p / 4.0 + p * (x - middle) ** 2)
 
 
 def test_a_sphere_and_two_that_touch_are_exact():
@@ -73,16 +71,13 @@ def test_two_overlapping_spheres(axis):
         assert body.inertia == pytest.approx([axial, transverse, transverse], rel=min(body.error, 1e-9))
 
 
-def test_coincident_and_swallowed_spheres_count_once():
+def test_overlapping_spheres_against_counting_points_and_swallowed_ones():
     centers, radii = lumps(np.random.default_rng(4), 4)
     plain = clump(centers, radii)
     extra = clump(np.vstack([centers, centers[2], centers[1]]), [*radii, radii[2], 0.5 * radii[1]])
     assert extra.volume == pytest.approx(plain.volume, rel=1e-13)  # the same sum over the same slices
     assert extra.inertia == pytest.approx(plain.inertia, rel=1e-13)
     assert len(extra.radii) == 6
-
-
-def test_against_counting_points():
     centers, radii = lumps(np.random.default_rng(7), 6)
     body = clump(centers, radii)
     low, high = (body.centers - body.radii[:, None]).min(0), (body.centers + body.radii[:, None]).max(0)
@@ -153,7 +148,7 @@ def body(seed: int, n: int = 6) -> Clump:
     return irregular(np.random.default_rng(seed), n, [1.0, 0.8, 0.6], 1e-5)
 
 
-def test_a_plane_touches_every_asperity_and_each_protrudes_by_its_radius():
+def test_a_plane_touches_every_asperity_and_the_body_below_is_the_one_without():
     for n, count, fraction in ((1, 3, 0.1), (6, 3, 0.1), (8, 12, 0.05), (4, 1, 0.5)):
         bare = body(1, n)
         rough = with_asperities(np.random.default_rng(2), bare, count, fraction)
@@ -163,9 +158,6 @@ def test_a_plane_touches_every_asperity_and_each_protrudes_by_its_radius():
         # centres on the surface of the union: none inside another sphere, one sphere's surface at each
         gaps = np.linalg.norm(rough.centers[n:, None] - rough.centers[:n], axis=2) - rough.radii[:n]
         assert gaps.min(axis=1) == pytest.approx(np.zeros(count), abs=1e-12 * bare.diameter)  # rounding of coordinates
-
-
-def test_the_body_below_is_the_one_without_and_no_body_depends_on_others():
     bare = population(1, 0, 4, (4, 6), [1, 0.8, 0.6], **SIZE)
     rough = population(1, 0, 4, (4, 6), [1, 0.8, 0.6], asperities=(3, lambda diameter: 1e-6 / diameter), **SIZE)
     for a, b in zip(bare, rough, strict=True):
@@ -196,7 +188,7 @@ def test_summits_get_sharper_with_angularity_and_the_aspect_stays():
     assert values[0] > values[1] > values[2]
     # Corners that planes touch alone would be about (1 - c)/(1 + c) < 0.4 of the core; some planes still meet the core.
     assert values[2] < 0.8 * values[0]
-    assert spans[2] == pytest.approx(spans[0], abs=0.15)  # the blur of the aspect, as in test_aspect_shows
+    assert spans[2] == pytest.approx(spans[0], abs=0.15)  # the blur of the aspect, as in test_irregular_clumps
 
 
 UPPER = 'support = "load_per_particle"\nload = "0.1 mN"\nmotion = {{x = {{velocity = "-0.01 m/s"}}{motion}}}\n{more}'

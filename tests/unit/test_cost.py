@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from steel import scene_text
 from thirdbody_three_spot import THREE_SPOT
-
 from thirdbody.scene.model import Scene
 from thirdbody.studies import cost, cost_report
 from thirdbody.studies.cost import Outcome, errors, order, rms_error
@@ -135,7 +134,7 @@ def test_a_variant_takes_out_options_that_its_level_does_not_know():
             assert not variant.default or changed == scene.contact.options
 
 
-def test_errors_of_made_up_runs():
+def test_errors_of_made_up_runs_and_means_where_runs_part():
     assert errors(outcome(), outcome()) == dict.fromkeys(cost.ERRORS, 0.0)
     # differences 0 and .1 over the mean .3; the frame without a number does not count
     assert rms_error(np.array([0.1, 0.2, 0.5]), outcome().friction) == pytest.approx(math.sqrt(0.005) / 0.3, rel=1e-12)
@@ -153,10 +152,7 @@ def test_errors_of_made_up_runs():
     assert errors(outcome(dissipated=2.5), outcome())["dissipation_error"] == pytest.approx(0.25, rel=1e-12)
     h = np.array([1.0, 0.5, 0.25])
     assert order(h, 3.0 * h**2) == pytest.approx(2.0, rel=1e-12) and math.isnan(order(h, [NAN, 0.0, 0.1]))
-
-
-def test_means_and_shares_are_compared_where_runs_part():
-    """Two bodies that change roles differ in all labels and in no mean."""
+    # two bodies that change roles differ in all labels and in no mean
     swapped = outcome(friction=np.array([NAN, 0.4, 0.2]), states=np.array([[1, 1], [2, 1], [2, 1]]),
                       position=np.array([[0.1, 0.0, 0.0], [-0.1, 0.0, 0.0]]))  # fmt: skip
     report = errors(swapped, outcome())

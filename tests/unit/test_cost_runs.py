@@ -10,7 +10,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from portable import drawn
-
 import thirdbody
 from thirdbody.engine.state import orientations
 from thirdbody.errors import InputError, OutputError, UsageError
@@ -38,7 +37,6 @@ from thirdbody.studies.cost_runs import Bench, Overdue, VariantRuns, repeats_of
 from thirdbody.studies.point import DONE, INTERRUPTED, Point, PointResult, run_point
 from thirdbody.studies.timing import NUDGE, Late, bare, nudge, slower, timing
 from thirdbody.studies.variants import Costs
-
 from .test_cost import EXPLICIT, IMPLICIT, SCENE, TWO, ladder, made, outcome  # noqa: F401
 
 
@@ -256,25 +254,21 @@ def test_a_budget_that_holds_nothing_is_refused_and_leaves_no_folder(monkeypatch
 def test_a_copy_takes_the_time_that_it_is_made_for(file, tmp_path):
     """And the explicit step of all its variants is the smallest that `auto` takes."""
     changes = {"solver.integrator": "explicit", "solver.distance": "4 mm", "output.every": "0.1 mm"}
-    source = StudySource(file, changes, tmp_path, [])
-    copy = make_copy(source, 0.02, True)
+    copy = make_copy(StudySource(file, changes, tmp_path, []), 0.02, True)
     scene = thirdbody.Scene.parse(copy.scene)
     assert scene.solver.distance < 4e-3 and "4 mm" in copy.reduction[0] and "the smallest that `auto` takes" in copy.reduction[-1]
     assert copy.base.kind == "explicit" and 0.0 < copy.base.step <= prepare(scene).state.dt
     assert Copy.of(json.loads(json.dumps(asdict(copy)))) == copy
 
 
-def test_medians_and_how_far_they_may_be_off():
+def test_medians_how_far_they_may_be_off_and_that_noise_recommends_nothing(made):  # noqa: F811
     # one alone tells a factor of two, a few half their range; that two agree may be chance
     assert (timing([2.0]), timing([1.0, 2.0, 4.0]), timing([2.0, 2.0])) == ((2.0, 1.0), (2.0, 1.5), (2.0, 0.5))
     many = timing([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0])
     assert many.seconds == 5.0 and many.half == pytest.approx(1.57 * 4.0 / 3.0, rel=1e-12)
     assert timing([1.0] * 9).half == 0.03  # what repeats in one process cannot tell
     assert slower(timing([2.0] * 9), timing([1.0] * 9)) and not slower(timing([1.05] * 9), timing([1.0] * 9))
-
-
-def test_noise_recommends_nothing(made):  # noqa: F811
-    """A variant at half the median cost, timed once, or with a spread that covers the difference, is no cheaper variant."""
+    # a variant at half the median cost, timed once, or with a spread that covers the difference, is no cheaper variant
     own, less, fine = made.rows[1:4]
     fine.cpu = [1.01 * x for x in less.cpu]  # mdr 16 beside mdr 8, less accurate
     names = [row.variant.name for row in cost.efficient(made)]

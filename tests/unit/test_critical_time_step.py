@@ -8,7 +8,6 @@ import pytest
 from numba import njit
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
-
 from thirdbody.engine.explicit import DAMPING_FRACTION, _contact_bounds, bound
 from thirdbody.engine.state import STABILITY_FRACTION
 from thirdbody.jit.arguments import address
@@ -117,10 +116,6 @@ def gap(state, i: int, j: int) -> tuple[float, np.ndarray]:
     return distance - S[i, 3] - S[j, 3], apart / distance
 
 
-def cross(r: np.ndarray) -> np.ndarray:
-    return np.array([[0.0, -r[2], r[1]], [r[2], 0.0, -r[0]], [-r[1], r[0], 0.0]])
-
-
 def everything(state) -> tuple[np.ndarray, np.ndarray]:
     """K and C of all bodies, and of all patches, by definition: sums of J^T k J."""
     sums, patches = np.zeros((state.n_bodies, 2, 6, 6)), np.zeros((len(state.P), 2))
@@ -138,7 +133,7 @@ def everything(state) -> tuple[np.ndarray, np.ndarray]:
             twice = 2.0
         along = np.outer(n, n)
         for number, reach in ((i, -state.S[i, sphere.RADIUS]), *([(j, state.S[j, sphere.RADIUS])] if j >= 0 else [])):
-            J = np.hstack((np.eye(3), -cross(state.S[number, sphere.ARM3] + reach * n)))
+            J = np.hstack((np.eye(3), np.cross(state.S[number, sphere.ARM3] + reach * n, np.eye(3))))
             for w, (normal, across, roll, spin) in enumerate(((*report[:3], report[6]), (*report[3:6], report[7]))):
                 sums[state.body[number], w] += twice * J.T @ (across * np.eye(3) + (normal - across) * along) @ J
                 sums[state.body[number], w, 3:, 3:] += twice * (roll * (np.eye(3) - along) + spin * along)
@@ -243,21 +238,17 @@ def integrated_restitution(alpha: float) -> float:
 
     pull.terminal, pull.direction = True, -1.0
     # one step of free flight, from which on x^0.25 has a derivative
-    start = 1e-12
-    impact = solve_ivp(rates, (0.0, 1e4), [start, 1.0], "DOP853", events=pull, rtol=1e-11, atol=1e-16)
+    impact = solve_ivp(rates, (0.0, 1e4), [1e-12, 1.0], "DOP853", events=pull, rtol=1e-11, atol=1e-16)
     assert impact.status == 1, "the contact never opened"
     return -float(impact.y_events[0][0][1])
 
 
-def test_published_values_and_integrated_impacts():
+def test_damping_numbers_published_and_integrated_and_their_smooth_inverse():
     # half of the last decimal of the table
     assert {e: damping_number(e) for e in TABLE} == pytest.approx(TABLE, abs=0.6e-7)
     for e in (0.05, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.95, 0.99):
         # the integrator's tolerance is 1e-11 a step; the root at x -> 0 costs it some digits
         assert integrated_restitution(damping_number(e)) == pytest.approx(e, rel=1e-7, abs=0.0)
-
-
-def test_restitution_is_the_inverse_smooth_and_of_a_contact_that_does_not_pull():
     for restitution in (1e-3, 0.02, math.exp(-2.0), 0.4, 0.999, 1.0 - 1e-9):
         # the bisection ends within two roundings of alpha, and e changes by less than alpha does
         assert restitution_of(damping_number(restitution)) == pytest.approx(restitution, rel=1e-12, abs=0.0)

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 from ensembles import scene
-
 import thirdbody
 from thirdbody.errors import InputError, MissingLibrary, OutputError, UsageError
 from thirdbody.studies import cost_command as command
@@ -97,10 +96,8 @@ def test_a_queue_that_is_not_there_or_takes_no_job_is_one_message(sbatch, words,
     (tmp_path / "sbatch").write_text(sbatch)
     (tmp_path / "sbatch").chmod(0o755 if sbatch else 0o600)
     monkeypatch.setenv("PATH", str(tmp_path))
-    with (
-        pytest.raises(InputError, match=f"slurm: no job can be submitted: .*{words}"),
-        dask_client(None, tmp_path / "cluster.toml"),
-    ):
+    refused = pytest.raises(InputError, match=f"slurm: no job can be submitted: .*{words}")
+    with refused, dask_client(None, tmp_path / "cluster.toml"):
         pass
     assert capfd.readouterr().err == ""
 

@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 from steel import scene_text
-
 from thirdbody.assembly.populate import populate, sphere_centres
 from thirdbody.assembly.simulation import build
 from thirdbody.debris.file import File
@@ -88,7 +87,7 @@ def test_units_names_and_order_of_columns_and_rows_are_free(placed):
     assert [body.volume for body in other.clumps] == pytest.approx([body.volume for body in first.clumps], rel=1e-9)
 
 
-def test_a_quaternion_turns_the_body_about_its_centre_of_mass(placed):
+def test_a_quaternion_and_an_orientation_turn_a_body_about_its_centre_of_mass(placed):
     q = [turn((0, 0, 1), 0.3), turn((0, 0, 1), math.pi / 2.0), turn((1, 2, 3), 0.4)]
     plain, _, _ = placed(arrays())
     turned, _, _ = placed(arrays(quaternion=q))
@@ -101,9 +100,6 @@ def test_a_quaternion_turns_the_body_about_its_centre_of_mass(placed):
         assert (y - plain.positions[b])[body == b] == pytest.approx(arms @ matrix_from_quaternion(q[b]).T, abs=1e-18)
     # clump 3: the arm (6, 2, 0) um between its balls, a quarter turn to the left
     assert np.diff(y[body == 1], axis=0)[0] == pytest.approx([-2e-6, 6e-6, 0.0], abs=1e-18)
-
-
-def test_an_orientation_turns_a_shape_about_its_centre_of_mass():
     shape = '[{radius = "5 um"}, {center = ["4 um", "3 um", "0 m"], radius = "3 um"}]'  # oblique principal axes
     text = f'[[debris]]\nmaterial = "steel"\nkind = "spheres"\nshape = {shape}\npositions = [["9 um", "9 um", "9 um"]]\n'
     q = turn((1, 2, 3), 0.4)
@@ -112,7 +108,7 @@ def test_an_orientation_turns_a_shape_about_its_centre_of_mass():
     assert plain == pytest.approx([4e-6, 3e-6, 0.0], abs=1e-18) and turned == pytest.approx(matrix_from_quaternion(q) @ plain)
 
 
-def test_csv_and_npz_say_the_same(placed):
+def test_csv_and_npz_say_the_same_and_a_layer_takes_the_shapes_alone(placed):
     extra = {1: "1,0,0,0,1,2,3,-1,0,5", 3: "0.6,0,0.8,0,4,5,6,7,8,9", 9: "0,1,0,0,0,0,0,0,0,2"}
     head = PLAIN.splitlines()[0] + ",qw,qx,qy,qz,vx [mm/s],vy [mm/s],vz [mm/s],wx [1/s],wy [rad/s],wz [1/s]\n"
     lift = [(c, x, y, z + 20, r) for c, x, y, z, r in SPHERES]
@@ -125,9 +121,6 @@ def test_csv_and_npz_say_the_same(placed):
         # text is rounded once, the arrays above twice
         assert getattr(a, name) == pytest.approx(getattr(b, name), rel=1e-14, abs=1e-18)
     assert a.velocities[1] == pytest.approx([4e-3, 5e-3, 6e-3], rel=1e-15) and a.angular_velocities[0].tolist() == [-1, 0, 5]
-
-
-def test_a_layer_takes_the_shapes_in_turn(placed):
     bodies, warnings, _ = placed(PLAIN, 'placement = "layer"\ncount = 5\nseed = 4')
     assert [len(body.radii) for body in bodies.clumps] == [1, 2, 3, 1, 2] and not warnings
     centres, radii, body = sphere_centres(bodies)
@@ -141,9 +134,6 @@ def test_a_layer_takes_the_shapes_in_turn(placed):
     diameters = [body.diameter for body in bodies.clumps]
     assert min(diameters) >= 6e-6 and max(diameters) <= 9e-6 and len(set(diameters)) == 6
     assert [len(body.radii) for body in bodies.clumps] == [1, 2, 3] * 2
-
-
-def test_what_a_placement_does_not_use_is_reported(placed):
     q = [turn((0, 0, 1), 0.3)] * 3
     bodies, warnings, _ = placed(arrays(quaternion=q, velocity=np.ones((3, 3))), 'placement = "layer"')
     assert warnings == ['b.npz: its quaternions and velocities are not used: placement = "layer" takes the shapes only']

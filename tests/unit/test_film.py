@@ -1,5 +1,4 @@
-"""Films have the frames that were asked for, one camera and one legend over all of them; a close-up shows the forces on one
-particle and what friction could hold at each of its spots."""
+"""Films have the frames that were asked for, one camera and one legend; a close-up shows the forces on one particle."""
 
 import io
 import sys
@@ -9,7 +8,6 @@ import numpy as np
 import pytest
 from layer import R, hue_share, skip_unless_drawable, write_layer
 from PIL import Image
-
 from thirdbody.api import open_run
 from thirdbody.errors import InputError, MissingLibrary
 from thirdbody.palette import STATE_COLORS
@@ -38,8 +36,7 @@ def gif_pictures(image) -> list[np.ndarray]:
 
 
 def test_frames_are_named_as_python_slices_and_options_go_together(layer, tmp_path, monkeypatch):
-    every = [0, 1, 2, 3, 4, 5, 6]
-    slices = {None: every, "1:6:2": [1, 3, 5], "-3:": [4, 5, 6], "::3": [0, 3, 6], "::-3": [6, 3, 0]}
+    slices = {None: [0, 1, 2, 3, 4, 5, 6], "1:6:2": [1, 3, 5], "-3:": [4, 5, 6], "::3": [0, 3, 6], "::-3": [6, 3, 0]}
     assert {text: frame_numbers(text, 7) for text in slices} == slices
     for text in ("3", "a:b", "1:2:3:4", "::0", "9:12", "1.5:3"):
         with pytest.raises(InputError, match="frames: "):
@@ -85,8 +82,7 @@ def test_one_plan_holds_what_all_frames_need(layer):
     # zoom keeps the middle of the domain
     half = compute_layout(iter(shots), "iso", 0.5)
     np.testing.assert_allclose([half.low[:2], half.high[:2]], np.outer([0.25, 0.75], layout.high[:2]), rtol=1e-9)
-    both = speeds[0] | speeds[1]
-    assert both.limits == (min(s.limits[0] for s in speeds), max(s.limits[1] for s in speeds))
+    assert (speeds[0] | speeds[1]).limits == (min(s.limits[0] for s in speeds), max(s.limits[1] for s in speeds))
 
 
 def test_a_film_moves_its_bodies_and_nothing_else(layer, tmp_path):
@@ -129,8 +125,7 @@ def test_the_spots_of_a_body_and_their_cones(layer):
     assert spots.against == ["lower plate", "upper plate"]
     # 7.5 uN are three quarters, 2.5 uN one quarter of the same limit: a cone with the half angle atan 0.1.
     assert spots.limit == pytest.approx([1e-5, 1e-5], rel=1e-12)
-    load = np.einsum("ij,ij->i", spots.force, spots.normal)
-    assert load == pytest.approx([1e-4, 1e-4], rel=1e-12)  # rounding of a product
+    assert np.einsum("ij,ij->i", spots.force, spots.normal) == pytest.approx([1e-4, 1e-4], rel=1e-12)  # rounding of a product
     assert np.all(np.abs(spots.position - one.center)[:, 2] == pytest.approx(R, rel=1e-9))  # wrapped like its body
 
 

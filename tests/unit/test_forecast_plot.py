@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-
 import thirdbody
 from thirdbody.api import open_run
 from thirdbody.kernels.tables import DEBRIS, LOWER, UPPER
@@ -59,7 +58,7 @@ def test_margins_are_relative_distances_from_the_nearer_end():
     assert still.margin.tolist() == [np.inf, -np.inf, 0.0]
 
 
-def test_every_body_is_one_point_at_its_margin_in_the_colour_of_what_it_did(axes):
+def test_every_body_is_one_point_and_disagreements_are_ringed_named_and_counted(axes):
     found = {}
     for fact, label in forecast_plot.FACTS.items():
         members = [row for row in ROWS if row[5] == fact]
@@ -71,9 +70,6 @@ def test_every_body_is_one_point_at_its_margin_in_the_colour_of_what_it_did(axes
         assert to_hex(collection.get_facecolor()[0]).upper() == STATE_COLORS[fact]
     assert found == {"rolling": 4, "sliding": 2, "sticking": 1}
     assert [tick.get_text() for tick in axes.get_yticklabels()] == ["0.2", "0.5"]
-
-
-def test_disagreements_outside_the_shaded_band_are_ringed_named_and_counted(axes):
     np.testing.assert_allclose(points(axes, "other than forecast")[:, 0], [0.2, -0.5, -1.0], rtol=1e-12)
     assert [text.get_text() for text in axes.texts if text.get_text().isdigit()] == ["1", "3", "6"]
     band = next(patch for patch in axes.patches if "open" in patch.get_label())
@@ -221,7 +217,7 @@ def support(points, slopes, friction, above, weight=0.0) -> Support:
     return Support(np.asarray(points, float), normals, np.full(len(above), friction), above, 1.0, np.array([0.0, 0.0, -weight]))
 
 
-def test_it_agrees_with_another_programme_on_random_slopes():
+def test_it_agrees_with_another_programme_on_random_slopes_and_between_planes_with_hulls():
     """Its load is a vertical force, that of the other one of normal forces: without weight both are mere scales."""
     rng, found = np.random.default_rng(0), []
     for _ in range(16):
@@ -234,9 +230,6 @@ def test_it_agrees_with_another_programme_on_random_slopes():
         # polygons of both are turned against each other: a body between them may be report by one and not by the other
         assert not (inner and found[-1] == IMPOSSIBLE) and not (not outer and found[-1] == POSSIBLE)
     assert 2 <= found.count(POSSIBLE) <= 14
-
-
-def test_between_planes_it_is_the_hulls():
     rng, verdicts = np.random.default_rng(1), []
     for _ in range(12):
         upper, lower, height = 0.3 * rng.normal(size=(1, 2)), 2.0 * rng.normal(size=(3, 2)), 2.0
@@ -253,7 +246,7 @@ def test_between_planes_it_is_the_hulls():
     assert {POSSIBLE, IMPOSSIBLE} == set(verdicts)
 
 
-def test_two_spots_stick_if_their_line_lies_in_both_cones():
+def test_two_spots_stick_if_their_line_lies_in_both_cones_and_open_where_a_plate_falls_away():
     """Eqs. 16 and 19 on slopes: the line of both spots leans by `lean`; the cone of the lower one by its plate's slope."""
     for lean, slope in itertools.product((0.1, 0.3), (-0.2, 0.0, 0.15)):
         points = [(lean, 0.0, 1.0), (-lean, 0.0, -1.0)]
@@ -270,10 +263,7 @@ def test_two_spots_stick_if_their_line_lies_in_both_cones():
             body.friction[1:] = 1.0
             assert can_slide(body, ALONG_X, True, np.full(3, RIGID)) == verdict
             assert can_slide(body, ALONG_X, False, np.full(3, RIGID)) == IMPOSSIBLE  # the feet grip more
-
-
-def test_a_spot_whose_plate_falls_away_opens_unless_its_overlap_lasts():
-    """Two spots above: the plate falls away from one as it slides, and the other alone cannot hold the body."""
+    # two spots above: the plate falls away from one as it slides, and the other alone cannot hold the body
     points = [(1.0, 0.0, 0.5), (-1.0, 0.0, 0.5), (0.2, 0.0, -0.5), (-0.2, 0.0, -0.5)]
     body = support(points, [(0.0, 0.0), (-0.05, 0.0), (0.0, 0.0), (0.0, 0.0)], 0.1, [True, True, False, False])
     body.friction[2:] = 1.0

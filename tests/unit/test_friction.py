@@ -1,5 +1,4 @@
-"""The friction coefficient of a run: one number with its error and a verdict, the same wherever it is shown; strokes by cycle;
-what is said of a balance of energy that does not close and of a run's accuracy."""
+"""The friction coefficient of a run: one number, its error and verdict wherever it is shown; strokes by cycle."""
 
 import csv
 import itertools
@@ -16,7 +15,6 @@ from each import each
 from layer import write_layer
 from slow import slow
 from steel import SCENES
-
 import thirdbody
 from thirdbody.engine.upper_plate import Schedule, Segment
 from thirdbody.export.tables import export_csv
@@ -29,7 +27,6 @@ from thirdbody.runner.verdicts import ending_warnings, step_words
 from thirdbody.trajectory.drag import Drag
 from thirdbody.trajectory.friction import _verdict, change_and_error, friction_of
 from thirdbody.trajectory.summary import energy_verdict, run_summary
-
 from .test_plot import LOAD, stroke, write
 
 FRAMES = 41
@@ -51,8 +48,7 @@ def friction(u: np.ndarray, mu: np.ndarray, direct: float = 0.0):
     force = np.column_stack((-LOAD * np.nan_to_num(mu), 0.0 * u, LOAD + 0.0 * u))
     series = {"distance": distance, "displacement": u, "friction_coefficient": mu, "upper_force": force}
     series["direct_force"] = np.outer(np.full(len(u), direct), [0.0, 0.0, 1.0])
-    run = SimpleNamespace(frames=len(u), series=series, header={}, times=1e-6 * np.arange(len(u)))
-    return friction_of(Drag(run))
+    return friction_of(Drag(SimpleNamespace(frames=len(u), series=series, header={}, times=1e-6 * np.arange(len(u)))))
 
 
 def test_every_output_reports_the_same_number(drifting, capsys):
@@ -71,9 +67,8 @@ def test_every_output_reports_the_same_number(drifting, capsys):
     assert [text for text in seen if f"{mean:.3f}" not in text] == []
 
 
-def test_a_drift_is_reported_and_noise_is_not_taken_for_one():
-    rng = np.random.default_rng(4)
-    noise = rng.normal(size=400)
+def test_a_drift_is_reported_but_neither_noise_nor_few_frames_or_cycles():
+    noise = np.random.default_rng(4).normal(size=400)
     for k in range(1, 400):  # AR(1): correlated over some ten intervals
         noise[k] += 0.8 * noise[k - 1]
     u = 1e-7 * np.arange(400)
@@ -96,9 +91,6 @@ def test_a_drift_is_reported_and_noise_is_not_taken_for_one():
     assert [friction(u, np.linspace(0.3, 0.3 + 2.0 * d, 400)).stationary for d in (0.0029, 0.0032)] == [True, False]
     assert [_verdict(0.3, 0.0, margin, "")[0] for margin in (0.029, 0.031)] == [True, None]  # scatter of a tenth
     assert _verdict(0.4, 0.0068, 0.025, "now") == (True, "stationary within its scatter: changes by 2 % now")
-
-
-def test_few_frames_or_cycles_are_no_verdict():
     u = 1e-7 * np.arange(5)
     few = friction(u, np.full(5, 0.3))
     assert few.value == pytest.approx(0.3) and few.stationary is None
@@ -116,7 +108,7 @@ def test_few_frames_or_cycles_are_no_verdict():
     assert [friction(np.array([0.0, 1.0, 0.0, 1.0, x]), np.full(5, 0.3)).cycles for x in (9e-4, 11e-4)] == [2, 1]
 
 
-def test_a_creep_of_five_cycles_is_seen_and_their_scatter_is_not_exaggerated():
+def test_a_creep_of_five_cycles_is_seen_and_the_error_of_a_change_covers_noise():
     """Autocorrelation cannot be estimated from five values: they count as independent, with Student's t of three."""
     creep = np.array([0.31, 0.323, 0.331, 0.342, 0.35])
     change, margin = change_and_error(creep)
@@ -125,10 +117,7 @@ def test_a_creep_of_five_cycles_is_seen_and_their_scatter_is_not_exaggerated():
     error = 4 * np.sqrt(deviations @ deviations / 3 / 10)
     assert margin == pytest.approx(5.8409 * error, rel=1e-4)  # t of three degrees at 99 %, from tables
     assert change > margin
-
-
-def test_the_error_of_a_change_covers_white_and_correlated_noise():
-    """The half width at 99 % contains the true change, zero, in about that share of 400 series of noise."""
+    # the half width at 99 % contains the true change, zero, in about that share of 400 series of noise
     rng = np.random.default_rng(8)
     for correlation, least in ((0.0, 0.97), (0.8, 0.9)):  # an estimated correlation time is short of the true one in short series
         inside = 0

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from hard import trial as make
 from hard.trial import Setting, Trial
-
 from thirdbody.api import open_run
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.accuracy import causes, in_words, limited_by, limiting_body
@@ -49,7 +48,7 @@ def test_overlap(integrator):
         simulation.integrator.advance_to(time=1e-5)
 
 
-def test_travel_and_a_place_that_is_not_a_number():
+def test_travel_a_place_that_is_not_a_number_and_leaving_the_domain():
     with pytest.raises(GuardStop, match=r"stopped at t = .*body 0 at \(.*moves more than 0\.25 of a radius in one step"):
         balls(velocity=(2e4, 0.0, 0.0)).integrator.advance_to(time=1e-5)
     for value in (math.nan, math.inf):
@@ -57,9 +56,6 @@ def test_travel_and_a_place_that_is_not_a_number():
         simulation.state.bodies.position[1, 2] = value
         with pytest.raises(GuardStop, match="stopped at t = .*the position of body 1 is not a number"):
             simulation.integrator.advance_to(time=1e-5)
-
-
-def test_left_the_domain():
     falling = [make.ball(1e-3, (0.05, 0.05, 1.5e-3), (10.0, 0.0, 0.0))]
     domain = Domain(size=(0.1, 0.1), periodic=False)
     trial = Trial(Setting("explicit", "mindlin"))
@@ -69,7 +65,7 @@ def test_left_the_domain():
     assert simulation.state.D[limits.FLOOR] == -1e-3  # one radius below the plate
 
 
-def test_energy_that_comes_from_nowhere():
+def test_energy_that_comes_from_nowhere_and_a_quaternion_that_is_no_rotation():
     # a guard of the energy balance judges twice where forces may jump, once where they cannot
     state = balls().state
     ledger = Ledger(state)
@@ -90,9 +86,6 @@ def test_energy_that_comes_from_nowhere():
     for factor in (1.2, 1.0 / 1.2) * 3:
         row[body.VELOCITY] *= factor
         guard.check(simulation.state)
-
-
-def test_a_quaternion_that_is_no_rotation():
     state = balls().state
     for factor in (1.0 + 2e-6, 1.0 - 2e-6, math.nan):
         state.bodies.quaternion[1] = (factor, 0.0, 0.0, 0.0)

@@ -7,7 +7,6 @@ import pytest
 from each import each
 from numba import njit
 from scipy import ndimage
-
 from thirdbody.kernels import closest_point, height_field
 
 # the engine's functions have no wrappers for Python
@@ -135,7 +134,7 @@ def test_radius_and_gradient_go_smoothly_across_a_border_between_cells(field):
     assert np.trapezoid(gradient, x) == pytest.approx(log_radius[-1] - log_radius[0], abs=1e-4 * ramp * cell * largest)
 
 
-def test_curvature_of_a_crest_and_of_a_valley():
+def test_curvature_of_crests_and_valleys_a_plane_of_zeros_and_a_shift_by_a_period():
     length, depth, cells = 8e-6, 0.1e-6, 64
     x = np.arange(cells) * length / cells
     wave = np.repeat(depth * np.cos(2.0 * math.pi * x / length)[:, None], 4, 1)
@@ -146,18 +145,11 @@ def test_curvature_of_a_crest_and_of_a_valley():
         assert (foot.x, foot.y) == pytest.approx((0.0, 0.0), abs=1e-18)
         assert foot.distance == pytest.approx(1e-6 - sign * depth, rel=1e-8)  # spline of a wave with 64 nodes
         assert r_eff == pytest.approx(RADIUS / math.sqrt(1.0 + sign * k * RADIUS), rel=1e-4)  # (2 pi/64)^2/12
-
-
-def test_a_field_of_zeros_is_exactly_a_plane():
     field = height_field.pack_field(np.zeros((5, 7)), 3e-6, 4e-6)
-    rng = np.random.default_rng(4)
-    for x, y, z in rng.uniform(-1e-5, 1e-5, (20, 3)):
+    for x, y, z in np.random.default_rng(4).uniform(-1e-5, 1e-5, (20, 3)):
         foot, r_eff, _, gradient, turning = foot_of(field, (x, y, z), 1.3e-6, -1.9e-6)
         assert (foot.x, foot.y, foot.distance, *foot.normal, r_eff) == (0.0, 0.0, z, 0.0, 0.0, 1.0, RADIUS)
         assert not any(gradient) and not any(turning) and not np.signbit(foot.normal).any()
-
-
-def test_a_shift_by_a_period_changes_no_bit():
     period = 2.0**-16
     field = height_field.pack_field(ndimage.spline_filter(self_affine(3), 3, mode="grid-wrap"), period, period)
     centre = np.array((3.0, 5.0, 0.0)) * 2.0**-18 + (0.0, 0.0, 1.2e-6)
@@ -187,7 +179,7 @@ def grid_minima(coefficients, centre, reach, fine):
     return offset[np.argwhere(lowest)]
 
 
-def test_no_minimum_is_missed(field, coefficients):
+def test_no_minimum_is_missed_and_of_more_than_rows_the_nearest_are_kept(field, coefficients):
     """Of spheres at random, some with two or more."""
     rng, found, misses, several = np.random.default_rng(5), np.zeros((64, 3)), 0, 0
     cell = PERIOD[0] / CELLS[0]
@@ -203,14 +195,10 @@ def test_no_minimum_is_missed(field, coefficients):
                 foot = foot_of(field, centre, *o)[0]
                 misses += foot.distance < reach and (n == 0 or np.hypot(*(found[:n, :2] - foot[:2]).T).min() > 1e-3 * cell)
     assert misses == 0 and several > 3
-
-
-def test_of_more_minima_than_rows_the_nearest_are_kept():
     x = np.arange(64) * 2.0 * math.pi / 64
     wave = 0.2e-6 * np.cos(8.0 * x)[:, None] * np.cos(8.0 * x)
     field = height_field.pack_field(ndimage.spline_filter(wave, 3, mode="grid-wrap"), 8e-6, 8e-6)
     every, few = np.zeros((64, 3)), np.zeros((3, 3))
-    n = minima_of(field, (4.1e-6, 4.2e-6, 3.3e-6), 3.4e-6, every)
-    assert 8 < n <= 64
+    assert 8 < minima_of(field, (4.1e-6, 4.2e-6, 3.3e-6), 3.4e-6, every) <= 64
     assert minima_of(field, (4.1e-6, 4.2e-6, 3.3e-6), 3.4e-6, few) == 4
     assert np.array_equal(few, every[:3])

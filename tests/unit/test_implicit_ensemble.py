@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from numba import njit
 from steel import SCENES
-
 from thirdbody.api import open_run
 from thirdbody.engine import implicit, implicit_ensemble
 from thirdbody.engine.candidates import AllRows, ClosedRows
@@ -72,15 +71,12 @@ def assert_same(one, other):
             np.testing.assert_array_equal(getattr(first, block)[name], values, err_msg=f"{block} {name}")
 
 
-def test_same_bits_as_with_all_rows(small_batches, monkeypatch):
+def test_a_run_and_its_snapshot_have_the_bits_of_one_with_all_rows(small_batches, monkeypatch):
     batched, whole = built(), with_all_rows(monkeypatch)
     assert isinstance(batched.state.slots.rows, ClosedRows) and isinstance(whole.state.slots.rows, AllRows)
     assert batched.state.sphere_table is None
     for stop in STOPS:
         assert_same(advanced(batched, (stop,)), advanced(whole, (stop,)))
-
-
-def test_snapshot_goes_on_with_the_same_bits(small_batches):
     straight, stopped, later = built(), built(), built()
     advanced(stopped, STOPS[:1])
     saved = snapshot(stopped.state, stopped.integrator, Ledger(stopped.state))
@@ -155,8 +151,7 @@ def fraction(relief, limit=0.0, spots_part=1):
     for column in (geometry.NORMAL + 2, geometry.AXIS, geometry.CROSS_AXIS + 1):
         tile.geometry[column * TILE] = 1.0
     tile.start[step_start.ARM] = 1e-6
-    context = Rows(spots_part, np.zeros(1, int), np.full(1, -1), np.zeros((1, sphere.WIDTH)))
-    return limited(context, tile)
+    return limited(Rows(spots_part, np.zeros(1, int), np.full(1, -1), np.zeros((1, sphere.WIDTH))), tile)
 
 
 def test_a_spot_at_the_limit_shortens_a_correction_that_reverses_its_slip():

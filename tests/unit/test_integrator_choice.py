@@ -7,7 +7,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from balls import BALLS, edited
-
 import thirdbody
 from thirdbody.assembly.simulation import build
 from thirdbody.engine import meeting
@@ -46,24 +45,23 @@ SLOW, SLOWER, FAST, QUICK = (
     ('velocity = "0.5 m/s"', f'velocity = "{speed}"') for speed in ("1 mm/s", "1 um/s", "50 m/s", "5 m/s")
 )  # explicit runs of the slow ones take a third of a second, and minutes; the inertial number of these balls is 5 at 50 m/s
 ONE_PLATE = ("load_per_particle", "rigid")
-CHOICES = {
-    "two that may meet": ((), "explicit", "expected to take about as long"),
-    "two that meet slowly": ((SLOWER,), "implicit", "few bodies meet at a time"),
-    "two that soon have slid": ((SLOW,), "explicit", "its steps are few: 2e+05"),
-    "two that meet fast": ((FAST,), "explicit", "it resolves impacts"),
-    "two that meet less fast": ((QUICK,), "explicit", "it resolves impacts"),
-    "two under one plate": ((SLOWER, ONE_PLATE), "explicit", "carry one plate together"),
-    "two whose steps have a tolerance": ((asks("auto", "tolerance = 1e-3"),), "implicit", "the scene gives solver.tolerance"),
-    "two that meet, explicit by name": ((SLOWER, asks("explicit")), "explicit", "required by the scene"),
-    "two that do not": ((NONE,), "implicit", "meet only the plates"),
-    "a time step": ((NONE, ('settle = "1 us"', 'settle = "1 us"\ntime_step = "0.1 ns"')), "explicit", "time step"),
-    "local damping": ((NONE, LOCAL), "explicit", "local_damping acts on unbalanced forces"),
-    "implicit by name": ((asks("implicit"),), "implicit", "required by the scene"),
-}
 
 
 def test_choice_and_reason():
-    for name, (changes, kind, reason) in CHOICES.items():
+    for name, (changes, kind, reason) in {
+        "two that may meet": ((), "explicit", "expected to take about as long"),
+        "two that meet slowly": ((SLOWER,), "implicit", "few bodies meet at a time"),
+        "two that soon have slid": ((SLOW,), "explicit", "its steps are few: 2e+05"),
+        "two that meet fast": ((FAST,), "explicit", "it resolves impacts"),
+        "two that meet less fast": ((QUICK,), "explicit", "it resolves impacts"),
+        "two under one plate": ((SLOWER, ONE_PLATE), "explicit", "carry one plate together"),
+        "two whose steps have a tolerance": ((asks("auto", "tolerance = 1e-3"),), "implicit", "the scene gives solver.tolerance"),
+        "two that meet, explicit by name": ((SLOWER, asks("explicit")), "explicit", "required by the scene"),
+        "two that do not": ((NONE,), "implicit", "meet only the plates"),
+        "a time step": ((NONE, ('settle = "1 us"', 'settle = "1 us"\ntime_step = "0.1 ns"')), "explicit", "time step"),
+        "local damping": ((NONE, LOCAL), "explicit", "local_damping acts on unbalanced forces"),
+        "implicit by name": ((asks("implicit"),), "implicit", "required by the scene"),
+    }.items():
         simulation = build(scene(*changes))
         assert simulation.plan.kind == kind and reason in simulation.plan.reason, name
         assert type(simulation.integrator).__name__.lower().startswith(kind), name
@@ -73,28 +71,25 @@ def test_choice_and_reason():
 def test_expected_explicit_steps_are_those_of_pressed_contacts(load):
     """They bound the step to 0.9 and 0.4 of what the Rayleigh time alone would allow; the estimate is right to 15 %."""
     simulation = build(scene(asks("explicit"), ('load = "0.1 mN"', f'load = "{load}"')))
-    steps = simulation.planned_time / simulation.state.dt
-    assert simulation.plan.steps.explicit / 2 == pytest.approx(steps, rel=0.15)
+    assert simulation.plan.steps.explicit / 2 == pytest.approx(simulation.planned_time / simulation.state.dt, rel=0.15)
 
 
 UPPER = PAIR[PAIR.index("[plates.upper]") : PAIR.index("[contact]")]
 NO_UPPER = ((UPPER, ""), ('distance = "0.1 um"', 'duration = "1 us"'), ('every = "0.05 um"', 'every = "1 us"'))
 
-REFUSED = {
-    "local damping": ((asks("implicit"), LOCAL), "solver.integrator", ["local_damping", "unbalanced forces"]),
-    "no upper plate": ((asks("implicit"), *NO_UPPER), "solver.integrator", ["no upper plate"]),
-    "time step": ((asks("implicit", 'time_step = "1 ns"'),), "solver.time_step", ["other integrator", "implicit"]),
-    "tolerance": ((asks("explicit", "tolerance = 1e-3"),), "solver.tolerance", ["other integrator", "explicit"]),
-    "inertia": ((asks("explicit", "inertia = true"),), "solver.inertia", ["other integrator"]),
-    "word of on_failure": ((asks("implicit", 'on_failure = "stopp"'),), "solver.on_failure", ["'stop'", "'continue'"]),
-    "name": ((asks("implicitt"),), "solver.integrator", ["'implicit'", "'explicit'", "'auto'"]),
-    "tolerance of zero": ((asks("implicit", "tolerance = 0"),), "solver.tolerance", ["0"]),
-    "step of no length": ((asks("implicit", 'largest_step = "0 nm"'),), "solver.largest_step", ["greater than 0"]),
-}
-
 
 def test_what_cannot_work_is_one_clear_fault(command):
-    for name, (changes, key, words) in REFUSED.items():
+    for name, (changes, key, words) in {
+        "local damping": ((asks("implicit"), LOCAL), "solver.integrator", ["local_damping", "unbalanced forces"]),
+        "no upper plate": ((asks("implicit"), *NO_UPPER), "solver.integrator", ["no upper plate"]),
+        "time step": ((asks("implicit", 'time_step = "1 ns"'),), "solver.time_step", ["other integrator", "implicit"]),
+        "tolerance": ((asks("explicit", "tolerance = 1e-3"),), "solver.tolerance", ["other integrator", "explicit"]),
+        "inertia": ((asks("explicit", "inertia = true"),), "solver.inertia", ["other integrator"]),
+        "word of on_failure": ((asks("implicit", 'on_failure = "stopp"'),), "solver.on_failure", ["'stop'", "'continue'"]),
+        "name": ((asks("implicitt"),), "solver.integrator", ["'implicit'", "'explicit'", "'auto'"]),
+        "tolerance of zero": ((asks("implicit", "tolerance = 0"),), "solver.tolerance", ["0"]),
+        "step of no length": ((asks("implicit", 'largest_step = "0 nm"'),), "solver.largest_step", ["greater than 0"]),
+    }.items():
         with pytest.raises(InputError) as caught:
             build(scene(*changes))
         assert caught.value.exit_code == 3 and [fault.key for fault in caught.value.faults] == [key], name
@@ -116,7 +111,7 @@ def test_keys_reach_the_integrator_and_friction_without_bound_is_bounded():
     assert not any("count as" in warning for warning in mild.warnings)
 
 
-def test_check_reports_integrator_and_reason(command):
+def test_check_and_run_report_integrator_reason_islands_and_the_times_of_both(command):
     code, out, _ = command((NONE,), "check", "--json")
     report = json.loads(out)
     assert code == 0 and report["integrator"] == "implicit" and "meet only the plates" in report["integrator_reason"]
@@ -132,9 +127,6 @@ def test_check_reports_integrator_and_reason(command):
     assert report["time_step"]["step"] > 0.0
     assert report["expected_times"]["explicit"] == pytest.approx(report["estimated_step_time"])
     assert report["islands"]["largest"] == 1 and report["islands"]["fraction_of_bodies"] == 0.0
-
-
-def test_check_and_run_report_islands_and_the_times_of_both(command):
     code, out, _ = command((SLOWER,), "check")
     assert code == 0 and "integrator implicit: few bodies meet at a time" in out
     assert "bodies cover 0.03 of the area, 0 % of them could meet another within 1.25 um of sliding" in out

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import trimesh
 from steel import scene_text
-
 from thirdbody.bodies import mesh_to_clump
 from thirdbody.bodies.clump import clump
 from thirdbody.bodies.irregular_clumps import diameters, irregular, population
@@ -23,17 +22,12 @@ from thirdbody.scene.model import Scene
 SIZE = {"distribution": "lognormal", "median": 1e-5, "sigma": 0.2, "min": 5e-6, "max": 2e-5}
 
 
-def test_population_is_the_same_for_the_same_seed_whatever_the_count():
+def test_a_population_follows_its_seed_and_copies_have_sizes_of_their_own():
     few = population(1, 0, 3, (4, 6), [1, 0.8, 0.6], **SIZE)
-    more = population(1, 0, 5, (4, 6), [1, 0.8, 0.6], **SIZE)
-    for a, b in zip(few, more, strict=False):
+    for a, b in zip(few, population(1, 0, 5, (4, 6), [1, 0.8, 0.6], **SIZE), strict=False):
         assert np.array_equal(a.centers, b.centers) and np.array_equal(a.radii, b.radii)
     for seed, index in [(2, 0), (1, 1)]:
-        other = population(seed, index, 1, (4, 6), [1, 0.8, 0.6], **SIZE)[0]
-        assert not np.array_equal(other.radii, few[0].radii)
-
-
-def test_copies_have_the_shapes_of_the_first_bodies_and_sizes_of_their_own():
+        assert not np.array_equal(population(seed, index, 1, (4, 6), [1, 0.8, 0.6], **SIZE)[0].radii, few[0].radii)
     different = population(1, 0, 4, (4, 6), [1, 0.8, 0.6], **SIZE)
     shared = population(1, 0, 40, (4, 6), [1, 0.8, 0.6], shapes=4, **SIZE)
     for a, b in zip(different, shared[:4], strict=True):
@@ -51,7 +45,7 @@ def test_copies_have_the_shapes_of_the_first_bodies_and_sizes_of_their_own():
     assert q == pytest.approx(q_alone, abs=1e-9) and height == pytest.approx(height_alone, rel=1e-9)
 
 
-def test_irregular_clump():
+def test_irregular_clumps_are_connected_and_their_aspect_shows():
     for seed, (n, aspect) in enumerate([(2, [1, 1, 1]), (4, [1, 0.8, 0.6]), (8, [1, 1, 0.2]), (12, [1, 0.5, 0.5])]):
         body = irregular(np.random.default_rng(seed), n, aspect, 1e-5)
         assert len(body.radii) == n and len(set(body.radii)) == n
@@ -64,9 +58,6 @@ def test_irregular_clump():
         for i in range(n):
             gap = np.linalg.norm(body.centers - body.centers[i], axis=1) + body.radii[i] - body.radii
             assert (np.delete(gap, i) > 0.0).all()
-
-
-def test_aspect_shows():
     rng = np.random.default_rng(0)
 
     def mean_extent(aspect):
@@ -85,7 +76,7 @@ def test_aspect_shows():
     assert flake[1] > 0.75 and flake[2] < 0.45 and rod[1] < 0.5 and rod[2] < 0.5
 
 
-def test_cut_lognormal_has_the_moments_of_theory():
+def test_cut_lognormal_normal_uniform_and_constant_have_the_moments_of_theory():
     count, sigma, low, high = 20_000, 0.5, 0.6, 1.8
     drawn = diameters([np.random.default_rng(1)] * count, "lognormal", median=1.0, sigma=sigma, min=low, max=high)
     phi = NormalDist().cdf
@@ -97,9 +88,6 @@ def test_cut_lognormal_has_the_moments_of_theory():
     assert drawn.std() == pytest.approx(spread, rel=0.03)  # four sigma of a standard deviation is 0.02
     # Cut, not clipped: nothing piles up at the limits.
     assert low < drawn.min() and drawn.max() < high and len(np.unique(drawn)) == count
-
-
-def test_normal_uniform_constant():
     count = 20_000
     rngs = [np.random.default_rng(2)] * count
     normal = diameters(rngs, "normal", mean=10.0, sigma=2.0)
@@ -149,17 +137,10 @@ def test_bodies_made_together_are_each_as_one_alone():
 
 
 def ball_with(change):
+    """A ball of radius 5 whose vertices have other heights."""
     ball = trimesh.creation.icosphere(subdivisions=2, radius=5.0)
-    change(ball.vertices)
+    ball.vertices[:, 2] = change(ball.vertices[:, 2])
     return ball
-
-
-def to_spike(x):
-    x[x[:, 2].argmax(), 2] = -30.0
-
-
-def to_cap(x):
-    x[x[:, 2] > 3.5, 2] -= 9.5
 
 
 def curled(turns):
@@ -184,15 +165,11 @@ def bowl():
 
 SHELL = trimesh.util.concatenate([trimesh.creation.icosphere(2, 5.0), trimesh.creation.icosphere(2, 4.0)])
 IMPOSSIBLE = {
-    "spike": (ball_with(to_spike), "cuts through itself.*between triangles"), "cap": (ball_with(to_cap), "cuts through itself"),
+    "spike": (ball_with(lambda z: np.where(z == z.max(), -30.0, z)), "cuts through itself.*between triangles"),
+    "cap": (ball_with(lambda z: np.where(z > 3.5, z - 9.5, z)), "cuts through itself"),
     "overlapping ring": (curled(1.15), "cuts through itself"),
     "joined at a vertex": (pair((2.0, 2.0, 2.0)), "2 separate surfaces"),
     "joined at an edge": (pair((2.0, 2.0, 0.0)), "part bodies that share an edge"), "hollow": (SHELL, "fill cavities"),
-}  # fmt: skip
-THIN = {
-    "open ring": curled(0.9), "bowl": bowl(), "flake": trimesh.creation.cylinder(15.0, 1.0, sections=64),
-    "leaf": trimesh.creation.cylinder(5.0, 2e-3), "needle": trimesh.creation.box((1.0, 1.0, 60.0)),
-    "dent": ball_with(lambda x: x.__setitem__((x[:, 2].argmax(), 2), -4.0)),
 }  # fmt: skip
 
 
@@ -203,7 +180,11 @@ def test_what_cuts_through_itself_or_is_two_bodies_is_refused_and_thin_bodies_ar
         with pytest.raises(InputError, match=message):
             load_mesh(tmp_path / "bad.stl", 1e-6)
         assert name
-    for name, solid in THIN.items():
+    for name, solid in {
+        "open ring": curled(0.9), "bowl": bowl(), "flake": trimesh.creation.cylinder(15.0, 1.0, sections=64),
+        "leaf": trimesh.creation.cylinder(5.0, 2e-3), "needle": trimesh.creation.box((1.0, 1.0, 60.0)),
+        "dent": ball_with(lambda z: np.where(z == z.max(), -4.0, z)),
+    }.items():  # fmt: skip
         solid.copy().apply_translation([shift] * 3).export(tmp_path / f"{name}.stl")
         assert load_mesh(tmp_path / f"{name}.stl", 1e-3).name.endswith(f"{name}.stl")
 

@@ -5,7 +5,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-
 from thirdbody.kernels.tile import TILE, contact_tangent, law_input, law_output, rolling_input, rolling_output
 from thirdbody.laws import tile_law
 from thirdbody.laws.compose import compose
@@ -38,7 +37,7 @@ def pressed(body, radius, overlap):
     return plain(HERTZ.kernel)(contact(overlap, radius), HERTZ.mix(Pair(body, PARTICLE, 0.3, 1.0), {}))
 
 
-def test_moduli_and_hertz():
+def test_moduli_hertz_with_its_energy_and_tangent_and_the_critical_displacement():
     assert (e_star(UPPER, PARTICLE), e_star(LOWER, PARTICLE)) == to_digits((129729729729.730, 114285714285.714))
     assert (g_star(UPPER, PARTICLE), g_star(LOWER, PARTICLE)) == to_digits((110344827586.207, 94117647058.8235))
     for *spot, force in SPOTS:
@@ -47,16 +46,10 @@ def test_moduli_and_hertz():
     assert n.contact_radius == to_digits(1.05277982494488e-7)
     assert 1.5 * n.force / (math.pi * n.contact_radius**2) == pytest.approx(4.34737590817e9, rel=1e-11, abs=0.0)  # 12 digits
     assert n.dissipated == 0.0
-
-
-def test_hertz_energy_and_tangent_are_integral_and_derivative_of_the_force():
     p, overlap, radius = HertzParameters(1e11), 3e-9, 2e-6
     force = 4.0 / 3.0 * 1e11 * math.sqrt(radius) * overlap**1.5
     assert plain(HERTZ.kernel)(contact(overlap, radius), p).stored == pytest.approx(force * overlap / 2.5, rel=1e-14, abs=0.0)
     assert plain(HERTZ.tangent)(contact(overlap, radius), p) == pytest.approx(1.5 * force / overlap, rel=1e-14, abs=0.0)
-
-
-def test_critical_displacement_of_set_a():
     body, radius, overlap, force = SPOTS[0]
     p = MINDLIN.mix(Pair(body, PARTICLE, 0.3, 1.0), {})
     load = Load(force, force, math.sqrt(radius * overlap), 0.0, 0.0)

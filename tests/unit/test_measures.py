@@ -10,7 +10,6 @@ from each import each
 from shared_runs import PLATES, clumps
 from steel import HOT_STEEL
 from steel import STEEL as STEEL_TEXT
-
 import thirdbody
 from thirdbody.assembly.cautions import adhesion_remarks
 from thirdbody.assembly.physics import law_faults
@@ -42,7 +41,7 @@ def kernel(name, step, **options):
     return plain(measure.kernel)(step, measure.mix(PAIR, given))
 
 
-def test_flash_temperature_of_a_steel_spot_and_its_warning():
+def test_flash_temperature_of_a_steel_spot_and_wear_by_both_laws():
     """Section 16: 1.2 K for a steel sphere of 10 um at 1 m/s and 0.5 mN, friction 0.3; told to two digits there. Contact radius
     of Hertz: a^3 = 3 F R/(4 E*), E* of steel on steel 210 GPa/(2 (1 - 0.09))."""
     a = (3.0 * 5e-4 * 10e-6 / (4.0 * 210e9 / (2.0 * 0.91))) ** (1.0 / 3.0)
@@ -61,9 +60,6 @@ def test_flash_temperature_of_a_steel_spot_and_its_warning():
     for largest, words in ((0.9, None), (2.0, "between"), (9.0, "a fast source")):
         texts = MEASURES["flash_temperature"].warnings({"peclet_number": largest})
         assert (words is None) == (not texts) and all(words in text for text in texts)
-
-
-def test_wear_by_both_laws_and_its_units():
     step = contact(load=2e-3, slip=3e-9, friction_work=1.1e-12)
     assert kernel("wear", step, plates=5e-15, bodies=7e-15) == pytest.approx((7e-15 * 6e-12, 5e-15 * 6e-12, 1.1e-12), rel=1e-14)
     by_energy = kernel("wear", step, plates=5e-15, bodies=7e-15, law="energy")
@@ -74,7 +70,7 @@ def test_wear_by_both_laws_and_its_units():
         parse("1 Pa", "wear_coefficient")
 
 
-def test_where_numbers_are_kept():
+def test_where_numbers_are_kept_and_which_amounts_make_sense():
     layout = layout_of([MEASURES["flash_temperature"], MEASURES["wear"]])
     names = [column.name for column in layout.bodies]
     assert names == [
@@ -87,9 +83,6 @@ def test_where_numbers_are_kept():
     assert [entry.name for entry in layout.maps] == ["wear_depth", "friction_work_density"]
     with pytest.raises(ValueError, match="worn_volume"):
         layout_of([MEASURES["wear"], MEASURES["wear"]])
-
-
-def test_amounts_that_make_no_sense_are_refused_and_others_have_a_line_each():
     for wrong in ({"kind": "median"}, {"kind": "mean", "of_plate": True}, {"map": ("depth", "m")}):
         with pytest.raises(ValueError, match="amount 'depth'"):
             Amount("depth", "m", "", **wrong)
@@ -106,7 +99,7 @@ def rows_of(points, radii, amounts, plate=0):
     return np.column_stack([np.arange(n), np.full(n, plate), points, radii, amounts])
 
 
-def test_deposits_add_up_and_wrap():
+def test_deposits_add_up_wrap_and_are_spread_like_hertz_pressure():
     """A deposit is split into parts that add up to it: to rounding of the parts, some hundred cells."""
     random = np.random.default_rng(3)
     size, maps = np.array([40e-6, 30e-6]), np.zeros((2, 2, 30, 40))
@@ -120,9 +113,6 @@ def test_deposits_add_up_and_wrap():
     deposit(rows_of(points + size, radii, amounts), again, size)  # one period further: the same cells, but for edges
     assert again == pytest.approx(maps, rel=1e-6, abs=1e-9 * maps.max())
     assert AMOUNTS == rows_of(points, radii, amounts).shape[1] - 2
-
-
-def test_small_contacts_lie_in_the_cell_of_their_centre_and_large_ones_are_spread_like_hertz_pressure():
     maps = np.zeros((1, 2, 30, 40))
     deposit(rows_of(np.array([[12.2e-6, 7.9e-6]]), np.array([0.1e-6]), np.array([[5.0]]), 1), maps, np.array([40e-6, 30e-6]))
     assert maps[0, 1, 7, 12] == 5.0 and np.count_nonzero(maps) == 1
@@ -229,7 +219,7 @@ def adhesive(own: str, all_pairs: str = 'work_of_adhesion = "50 mJ/m2", ', model
     return f'adhesion = {{{all_pairs}model = "{model}"}}', f'work_of_adhesion = "{own}"'
 
 
-def test_a_pair_may_have_its_own_work_of_adhesion():
+def test_a_pair_may_have_its_own_work_of_adhesion_also_without_one_for_all():
     """In the parameters, the pull-off force and the reach; `check` tells it pair by pair."""
     built = build(scene(*adhesive("20 mJ/m2")))
     first, second = (row[0].adhesion * row[0].e_star for row in built.choice.rows)
@@ -243,10 +233,7 @@ def test_a_pair_may_have_its_own_work_of_adhesion():
     assert texts == [("steel/brass", "w = 20 mJ/m2"), ("brass/brass", "w = 50 mJ/m2")]
     stronger = build(scene(*adhesive("2 J/m2")))
     assert stronger.choice.reach(1e-6) > 5.0 * built.choice.reach(1e-6)  # w^(2/3): that of the strongest pair
-
-
-def test_work_of_adhesion_by_pair_only():
-    """The effect's value may be left out where every pair has one; else the pairs that lack it are named: nothing is mixed."""
+    # the effect's value may be left out where every pair has one; else the pairs that lack it are named: nothing is mixed
     message = report(*adhesive("20 mJ/m2", ""))
     assert "effects.adhesion: required key 'work_of_adhesion' is missing, and brass/brass of [[pairs]] give no" in message
     effects, own = adhesive("20 mJ/m2", "")

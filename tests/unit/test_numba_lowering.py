@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from numba import njit
 from numba.core.runtime import _nrt_python, rtsys
-
 from thirdbody.jit.options import CHUNK, HELPER, OPTIONS
 
 NUMBERS = np.array([3.5, -1.0, 0.0, -0.0, math.nan, math.inf, 7.25, -2.5])
@@ -42,14 +41,12 @@ def written(table):
     return total, table.sum()
 
 
-def test_tables_are_read_and_written_as_numba_does():
+def test_tables_are_used_as_numba_does_and_functions_of_plugins_count_from_the_end():
     table = np.random.default_rng(3).normal(size=(7, 4))
     mine, other = table.copy(), table.copy()
     assert ours(written)(mine) == njit(error_model="numpy")(written)(other)
     assert np.array_equal(mine, other)
 
-
-def test_functions_of_plugins_count_from_the_end():
     def backwards(table):
         total = 0.0
         for i in range(table.shape[0]):
@@ -182,12 +179,9 @@ def test_an_exception_leaves_all_functions_between():
         compiled(0.5)
 
 
-class Table(ModuleType):
-    FIRST, SCALE, ROWS = 3, 0.5, slice(1, 3)
-
-
 def test_numbers_of_modules_are_what_they_were_when_it_was_compiled():
-    table = Table("table")
+    table = ModuleType("table")
+    vars(table).update(FIRST=3, SCALE=0.5, ROWS=slice(1, 3))
 
     def value(a):
         return table.FIRST * 4 + a[table.FIRST + 1] * table.SCALE + math.pi, a[table.ROWS].sum()

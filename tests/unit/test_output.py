@@ -11,7 +11,6 @@ import pytest
 from ensembles import SCENE
 from thirdbody_three_spot import LABELLER
 from trajectories import whole_and_resumed
-
 import thirdbody
 from thirdbody.errors import InputError
 from thirdbody.plugin import NO_FORECAST
@@ -31,7 +30,6 @@ SHORT = {
 EXPLICIT = {"solver.integrator": "explicit", "solver.settle": "50 ns", "solver.distance": "4 nm", "output.every": "1 nm"}
 COUNT = 15
 SMALL = {"output.blocks": ["clumps"], "output.precision": "float32", "output.compress": True}
-LABELS = (*LABELLER.margins, *LABELLER.extras)
 FEW = SMALL | {"output.arrays": ["quaternion", "friction_work"]}
 
 
@@ -183,7 +181,7 @@ def test_forecasts_are_computed_where_they_are_written(whole, tmp_path):
                 assert np.array_equal(lean.bodies(-1)[name], recorded[name])
     simulation = prepare(thirdbody.Scene.parse(SCENE).with_settings(EXPLICIT | {"output.arrays": others}))
     simulation.integrator.advance_to(time=simulation.settle)
-    assert np.all(simulation.integrator.label()[:, 2 + LABELS.index("forecast")] == NO_FORECAST)
+    assert np.all(simulation.integrator.label()[:, 2 + (*LABELLER.margins, *LABELLER.extras).index("forecast")] == NO_FORECAST)
 
 
 def test_a_file_without_spheres_and_contacts(tmp_path, command):

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from each import each
 from steel import scene_text
-
 from thirdbody.assembly.placement import spheres_of
 from thirdbody.assembly.populate import populate
 from thirdbody.bodies.clump import clump
@@ -24,8 +23,7 @@ WIDE, HEIGHT = (60e-6, 50e-6), 70e-6
 @pytest.fixture(scope="module")
 def bodies():
     size = {"distribution": "lognormal", "median": 1e-5, "sigma": 0.3, "min": 5e-6, "max": 2e-5}
-    ball = clump([[0, 0, 0]], [3e-6])
-    return population(1, 0, 50, (3, 6), (1.0, 0.8, 0.6), **size) + [ball] * 30
+    return population(1, 0, 50, (3, 6), (1.0, 0.8, 0.6), **size) + [clump([[0, 0, 0]], [3e-6])] * 30
 
 
 def world(clumps, x, q):
@@ -69,13 +67,10 @@ def test_a_bed_has_no_overlap_and_the_fraction_it_says(bodies, periodic, fractio
     assert inside.mean() == pytest.approx(bed.solid_fraction, abs=0.014)
 
 
-def test_beds_are_reproducible(bodies):
+def test_beds_are_reproducible_and_one_that_jams_reports_how_far_it_came(bodies):
     first, same, other = (pack(bodies, 0.4, SIZE, True, np.random.default_rng(s)) for s in (1, 1, 2))
     assert np.array_equal(first.positions, same.positions) and np.array_equal(first.quaternions, same.quaternions)
     assert not np.array_equal(first.positions, other.positions)
-
-
-def test_a_bed_that_jams_reports_how_far_it_came():
     # Balls of one size, flat floor and top: random close packing ends at 0.64 (O'Hern et al. 2003), less beside a plate.
     balls = [clump([[0, 0, 0]], [0.5])] * 40
     with pytest.raises(InputError, match=r"jam: a solid fraction of about 0\.[45]\d* is reached, 0\.700 wanted") as caught:
@@ -133,20 +128,16 @@ def built(first, second, side="25 um"):
     return populate(scene, warnings), warnings
 
 
-def test_dense_populations_are_mixed():
+def test_dense_populations_are_mixed_and_have_their_heights():
     placed, warnings = built('placement = "dense"\nsolid_fraction = 0.45', 'placement = "dense"')
     centres, radii, _ = spheres_of(placed.clumps, placed.positions, placed.quaternions)
     top = (centres[:, 2] + radii).max()
-    volume = sum(body.volume for body in placed.clumps)
-    assert volume / (625e-12 * top) == pytest.approx(0.45, rel=0.02)  # as above
+    assert sum(body.volume for body in placed.clumps) / (625e-12 * top) == pytest.approx(0.45, rel=0.02)  # as above
     assert 0.0 < (centres[:, 2] - radii).min() < 1e-8 * 3e-6  # just clear of the plate
     assert "solid fraction" in warnings[0] and "60 bodies fill 0.45" in warnings[0]
     heights = placed.positions[:, 2] / top
     # of 30 places over the bed the mean scatters by sqrt(1/12/30) = 0.05: two layers one over the other would be 0.5 apart
     assert abs(heights[:30].mean() - heights[30:].mean()) < 0.2
-
-
-def test_heights_of_dense_and_dilute_debris():
     placed, warnings = built('placement = "dense"\nheight = "18 um"', 'placement = "dense"\nheight = "18 um"')
     centres, radii, _ = spheres_of(placed.clumps, placed.positions, placed.quaternions)
     assert 0.97 * 18e-6 < (centres[:, 2] + radii).max() <= 18e-6

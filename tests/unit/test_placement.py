@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from steel import STEEL
 from trajectories import contents
-
 import thirdbody
 from thirdbody.assembly import initial_relaxation
 from thirdbody.assembly.initial_relaxation import UNLOADED_OVERLAP
@@ -41,8 +40,7 @@ def gaps(S, ids, size, periodic):
 def bodies():
     size = {"distribution": "lognormal", "median": 1e-5, "sigma": 0.3, "min": 4e-6, "max": 3e-5}
     clumps = population(1, 0, COUNT, (3, 5), [1.0, 0.8, 0.6], **size)
-    rng = np.random.default_rng(2)
-    return clumps, settle_all(clumps, rng)[0]
+    return clumps, settle_all(clumps, np.random.default_rng(2))[0]
 
 
 def world(clumps, quaternions, xy):
@@ -137,8 +135,7 @@ BALL = {"radius": np.full(2, 5e-6), "clump": np.arange(2)}
 
 
 def packing(seed, count=40, clumps=True, overlap=0.3):
-    """A bed of balls and clumps on 50 um, free of overlap, whose bodies are then enlarged: balls that touched overlap by
-    this part of their radius."""
+    """A bed of balls and clumps on 50 um, enlarged: balls that touched overlap by this part of their radius."""
     rng = np.random.default_rng(seed)
     size = {"distribution": "lognormal", "median": 1e-5, "sigma": 0.2, "min": 6e-6, "max": 16e-6}
     balls = [clump([[0, 0, 0]], [r * UM]) for r in rng.uniform(3.5, 6.5, count)]
@@ -184,14 +181,11 @@ def test_a_body_longer_than_the_period_is_refused_wherever_it_comes_from(tmp_pat
             populate(thirdbody.Scene.of(scene), [])
 
 
-def test_a_body_that_fills_the_period_without_meeting_itself_is_placed(tmp_path):
+def test_bodies_may_fill_the_period_and_a_raft_closes_but_no_diagonal_or_block(tmp_path):
     """A row of balls from 0 to 45 um and one beside it that protrudes to 49.99 um: 2.51 um from the image of the first in x."""
     line = np.column_stack((np.append(np.arange(10) * 5.0, 47.49), np.append(np.full(10, 1.0), 5.325), np.full(11, 2.5)))
     table = {"center": line * UM, "radius": np.full(11, 2.5 * UM), "clump": np.zeros(11, int)}
     assert len(populate(prepared(tmp_path, table), []).clumps) == 1
-
-
-def test_a_raft_closes_with_its_images_but_a_diagonal_and_a_block_do_not(tmp_path):
     x, y = (axis.ravel() * 10.0 for axis in np.meshgrid(np.arange(5), np.arange(5)))
     sheet = np.column_stack((x, y, np.full(25, 5.2)))
     diagonal = np.column_stack((np.arange(9) * 6.0, np.arange(9) * 6.0, np.full(9, 5.2)))

@@ -7,7 +7,6 @@ from functools import partial
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
-
 from thirdbody.api import open_run
 from thirdbody.errors import InputError, MissingLibrary, OutputError, UsageError
 from thirdbody.palette import STATE_COLORS
@@ -141,8 +140,9 @@ def test_no_error_is_reported_where_none_is_known():
     assert mean_and_error(drift)[0] == pytest.approx(0.25, rel=1e-12) and np.isnan(mean_and_error(drift)[1])
     assert np.isnan(mean_and_error(np.array([0.1, 0.2, 0.15]))[1])
     assert np.isnan(mean_and_error(np.full(9, np.nan))).all()
-    alternating = np.tile([0.1, 0.3], 50)
-    assert mean_and_error(alternating)[1] == pytest.approx(0.1 / np.sqrt(100), rel=0.05)  # no credit; bias factor of 3 %
+    assert mean_and_error(np.tile([0.1, 0.3], 50))[1] == pytest.approx(
+        0.1 / np.sqrt(100), rel=0.05
+    )  # no credit; bias factor of 3 %
     # a running mean leaves gaps out
     values = np.array([1.0, np.nan, 3.0, np.nan, np.nan, np.nan, 8.0])
     np.testing.assert_array_equal(running_mean(values, 3), [1.0, 2.0, 3.0, 3.0, np.nan, 8.0, 8.0])
@@ -176,8 +176,9 @@ def test_friction_and_gap_are_the_series_from_the_start_of_the_drag(run, drawn):
     (band,) = (entry for entry in axes["friction"].collections if entry.get_label() == "its error")
     ends = band.get_paths()[0].vertices[:, 1]
     np.testing.assert_allclose((ends.min(), ends.max()), mean + run.friction.error * np.array([-1.0, 1.0]), rtol=1e-12)
-    gap = axes["gap"].get_lines()[0].get_ydata()
-    np.testing.assert_allclose(gap, -np.arange(40.0), atol=1e-6)  # nm; 8 um minus 1 nm a frame, doubles of 1e-21 m
+    np.testing.assert_allclose(
+        axes["gap"].get_lines()[0].get_ydata(), -np.arange(40.0), atol=1e-6
+    )  # nm; 8 um minus 1 nm a frame, doubles of 1e-21 m
     assert axes["gap"].get_ylabel() == "change of gap (nm)" and title(axes["gap"]).endswith("7.96 µm at the end, closed by 39 nm")
 
 
@@ -195,20 +196,16 @@ def test_no_mean_is_drawn_over_a_drifting_curve(tmp_path):
     assert "still rising by" in axes.get_title(loc="left")
 
 
-def test_states_are_stacked_in_their_colours(run, drawn):
+def test_states_are_stacked_in_their_colours_and_energy_lines_are_the_ledger(run, drawn, tmp_path):
     axes, below = drawn[0]["states"], np.zeros(40)
     assert [collection.get_label() for collection in axes.collections] == ["sticking", "sliding", "rolling"]  # none was free
     for collection in axes.collections:
         below = below + run.series[f"fraction_{collection.get_label()}"][1:]
-        heights = np.unique(collection.get_paths()[0].vertices[:, 1])
-        assert np.isin(np.round(below, 9), np.round(heights, 9)).all()
+        assert np.isin(np.round(below, 9), np.round(np.unique(collection.get_paths()[0].vertices[:, 1]), 9)).all()
         assert to_hex(collection.get_facecolor()[0]).upper() == STATE_COLORS[collection.get_label()]
     np.testing.assert_allclose(below, 1.0, rtol=1e-12)
     assert re.search(r"8 bodies: at the end all rolling", axes.get_title(loc="left"))
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["rolling", "sliding", "sticking"]  # from above
-
-
-def test_energy_lines_are_the_ledger(run, drawn, tmp_path):
     axes, lines = drawn[0]["energy"], ledger(RunData(run))
     assert axes.get_ylabel() == "energy (nJ)" and len(axes.get_lines()) == 8
     assert len({(entry.get_color(), entry.get_linestyle()) for entry in axes.get_lines()}) == 8
@@ -268,16 +265,14 @@ def test_unloaded_intervals_are_shaded_not_counted(tmp_path, monkeypatch):
         assert line(axes, "mean").get_ydata()[0] == pytest.approx(0.2, rel=1e-14)
         (shade,) = (patch for patch in axes.patches if patch.get_label() == "unloaded")
         # frames 25 to 30 end the intervals from 2.3 to 2.9 um
-        ends = shade.get_x(), shade.get_x() + shade.get_width()
-        np.testing.assert_allclose(ends, (2.3, 2.9), rtol=1e-9)
+        np.testing.assert_allclose((shade.get_x(), shade.get_x() + shade.get_width()), (2.3, 2.9), rtol=1e-9)
     assert stretches(np.array([True, False, True, True])) == [(0, 0), (2, 3)]
 
 
 def test_a_friction_loop_has_the_area_of_its_parallelogram(tmp_path):
     # frames stand at the turns; within two intervals behind each (8 nm) friction turns over, linearly
     u = stroke()
-    path = np.diff(u, prepend=u[0])
-    side = np.sign(path)
+    side = np.sign(np.diff(u, prepend=u[0]))
     mu = 0.2 * np.where(np.roll(side, 1) * side < 0, 0.0, side)
     mu[0] = np.nan
     with open_run(write(tmp_path / "run", u=u, mu=mu, debris_contact="none (declared)")) as run:

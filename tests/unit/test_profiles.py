@@ -1,6 +1,4 @@
-"""Profiles: closed forms of cut spheres and lines, of a column, a gas and plane Couette flow; what a run does with them;
-means over an output interval: exact where the trapezoidal rule is, of few samples, the same after a restore; the shear zone of a
-bed: exact for plane Couette flow, found in a band, at least a grain thick."""
+"""Profiles, means over an output interval and the shear zone of a bed against closed forms; what a run does with them."""
 
 import csv
 import math
@@ -11,7 +9,6 @@ import numpy as np
 import pytest
 from balls import BALLS, edited
 from matplotlib.figure import Figure
-
 import thirdbody
 from thirdbody.errors import InputError
 from thirdbody.kernels.table import Rows
@@ -39,7 +36,7 @@ def dense(slabs, parts, rows):
     return table
 
 
-def test_spheres_are_cut_into_caps_and_lines_in_proportion():
+def test_spheres_are_cut_into_caps_lines_in_proportion_and_nothing_is_lost():
     slabs = Slabs(0.0, 4.0, 4)
     volume, moment = volumes(slabs, np.array([1.0, 2.25, 0.5, 9.0]), np.array([1.0, 0.5, 1.0, 1.0]))
     assert volume[0] == pytest.approx([2.0 / 3.0 * math.pi] * 2 + [0.0, 0.0])
@@ -51,9 +48,6 @@ def test_spheres_are_cut_into_caps_and_lines_in_proportion():
     lines = dense(slabs, line_parts(slabs, np.array([0.5, 2.5, 1.5, -1.0, 1.25]), np.array([2.0, -2.0, 0.0, 2.0, 0.5])), 5)
     found = [[0.25, 0.5, 0.25, 0], [0.25, 0.5, 0.25, 0], [0, 1, 0, 0], [0.5, 0, 0, 0], [0, 1, 0, 0]]
     assert lines == pytest.approx(np.array(found))
-
-
-def test_in_a_periodic_domain_nothing_is_lost():
     slabs, rng = Slabs(0.0, 4.0, 5, periodic=True), np.random.default_rng(1)
     centres, radii = rng.uniform(-9.0, 9.0, 50), rng.uniform(0.1, 1.9, 50)
     volume, moment = volumes(slabs, centres, radii)
@@ -64,8 +58,7 @@ def test_in_a_periodic_domain_nothing_is_lost():
 
 
 def state_of(position, velocity=None, spin=None, contacts=(), offsets=((0.0, 0.0, 0.0),), volume=None):
-    """A state of equal clumps between plates: balls of radius R at `offsets`; contacts as (owner, partner or side, point,
-    partner's point, force on the owner)."""
+    """A state of clumps of balls at `offsets`; contacts: (owner, partner or side, point, partner's point, force on the owner)."""
     n, each = len(position), len(offsets)
     B, S, P = np.zeros((n, body.WIDTH)), np.zeros((n * each, sphere.WIDTH)), np.zeros((1, patch.WIDTH))
     volume = BALL if volume is None else volume
@@ -138,7 +131,7 @@ def test_plane_couette_flow_integrates_to_the_speed_of_the_plate():
     assert np.mean(found["solid_fraction"]) == pytest.approx(len(z) * BALL / (L * W * H), rel=1e-12)
 
 
-def test_a_gas_has_the_kinetic_stress_of_its_density_and_a_cut_ball_the_velocity_of_its_rotation():
+def test_a_gas_a_cut_ball_a_clump_and_an_empty_slab_have_their_closed_forms():
     omega = 1e4
     state = state_of(np.array([[0.0, 0.0, 0.5 * H]]), spin=np.array([[0.0, omega, 0.0]]))
     # the centroid of half a ball is 3/8 R from its centre
@@ -150,9 +143,6 @@ def test_a_gas_has_the_kinetic_stress_of_its_density_and_a_cut_ball_the_velocity
     expected = np.diag([2.0, 0.0, 2.0]) * DENSITY * BALL * c**2 / (L * W * H)
     assert stress == pytest.approx(expected, abs=1e-12 * expected.max())
     assert found["velocity"][0] == pytest.approx(mean)
-
-
-def test_a_clump_has_its_own_volume_and_an_empty_slab_no_velocity():
     offsets, volume = ((0.0, 0.0, 0.0), (R, 0.0, 0.0)), 1.6 * BALL
     state = state_of(np.array([[0.0, 0.0, 0.25 * H]]), np.array([[1.0, 0.0, 0.0]]), offsets=offsets, volume=volume)
     found = profiles(state, 2)
@@ -176,16 +166,13 @@ def rolled(tmp_path_factory):
         yield run
 
 
-def test_a_run_records_profiles(rolled):
+def test_a_run_records_profiles_of_balls_that_roll_also_in_tables_and_pictures(rolled, tmp_path):
     found, frames = rolled.profiles, rolled.frames
     assert found["velocity"].shape == (frames, 8, 3) and found["contact_stress"].shape == (frames, 8, 3, 3)
     assert rolled.units["contact_stress"] == "Pa" and rolled.header["profiles"] == {"bins": 8, "axis": "z"}
     assert sum(found[f"fraction_{name}"] for name in rolled.state_names) == pytest.approx(1.0)
     assert found["position"][-1, -1] == pytest.approx(rolled.series["gap"][-1] * 7.5 / 8.0, rel=1e-3)
-
-
-def test_rolling_balls_carry_the_force_and_reach_the_velocities_of_the_plates(rolled):
-    """A ball that rolls without slip is at rest below and as fast as the plate above, a straight line between."""
+    # a ball that rolls without slip is at rest below and as fast as the plate above, a straight line between
     series, late = rolled.series, np.flatnonzero(rolled.series["distance"] > 1e-6)
     stress = (rolled.profiles["contact_stress"] + rolled.profiles["kinetic_stress"]) * np.prod(rolled.header["domain"]["size"])
     assert stress[late, :, 2, 2] == pytest.approx(np.tile(series["upper_force"][late, 2, None], 8), rel=0.01)
@@ -194,9 +181,6 @@ def test_rolling_balls_carry_the_force_and_reach_the_velocities_of_the_plates(ro
         # the ball vibrates about rolling by a fraction of a per cent of the speed
         expected = 0.5 * (gap / 2.0 + (moment / volume)[0]) / gap
         assert rolled.profiles["velocity"][k, :, 0] == pytest.approx(expected, abs=0.01 * 0.5)
-
-
-def test_profiles_go_into_tables_and_pictures(rolled, tmp_path):
     rolled.export(csv=tmp_path / "tables", frame=3)
     with open(tmp_path / "tables" / "profiles.csv", newline="") as file:
         rows = list(csv.DictReader(file))
@@ -253,7 +237,7 @@ def finished(means, state, times, end=END):
     return means.finish()["value"]
 
 
-def test_means_are_those_of_the_trapezoidal_rule():
+def test_means_are_those_of_the_trapezoidal_rule_and_an_interval_begins_anew():
     line = finished(*means_of(lambda t: 3.0 + 2.0 * t), np.sort(np.random.default_rng(1).uniform(0.0, END, 500)))
     assert line == pytest.approx([3.0 + END, 1.0], rel=1e-13)  # rounding of some thirty sums
     parabola = finished(*means_of(lambda t: t**2), np.linspace(0.0, END, 1001)[1:-1])
@@ -263,9 +247,6 @@ def test_means_are_those_of_the_trapezoidal_rule():
     corner = finished(*means_of(lambda t: abs(t - 1.0), np.inf), np.linspace(0.0, END, 2001)[1:-1])
     assert corner[0] == pytest.approx(0.5, rel=1e-12)
     assert means_of(lambda t: 7.0)[0].finish()["value"].tolist() == [7.0, 1.0]  # without time the present value
-
-
-def test_an_interval_begins_anew():
     means, state = means_of(lambda t: t)
     for start, end in ((0.0, 2.0), (2.0, 3.0)):
         mean = finished(means, state, np.linspace(start, end, 100)[1:-1], end)
@@ -327,7 +308,7 @@ def flow(along, angle=0.3):
     return along[:, None] * [math.cos(angle), math.sin(angle), 0.0] + [0.4, -0.1, 0.05]
 
 
-def test_plane_couette_flow_is_exact():
+def test_shear_zones_of_couette_flow_of_a_band_and_of_two_blocks_that_slide():
     (z, mass), rate = bed_of_points(), SPEED / HEIGHT
     low, high = (np.average(z[end], weights=mass[end]) for end in (z <= z[0] + DIAMETER, z >= z[-1] - DIAMETER))
     edges = [low + fraction * (high - low) for fraction in (EDGE, 1.0 - EDGE)]
@@ -335,19 +316,12 @@ def test_plane_couette_flow_is_exact():
         zone = shear_zone(z, flow(rate * z, angle), mass, DIAMETER)
         assert zone.rate == pytest.approx(rate, rel=1e-11)  # rounding of differences of velocities
         assert [zone.bottom, zone.top] == pytest.approx(edges, rel=1e-11)
-
-
-def test_a_band_is_found_where_it_is():
     z, mass = bed_of_points(5000)
     bottom, top = 30e-6, 60e-6
-    along = SPEED * np.clip((z - bottom) / (top - bottom), 0.0, 1.0)
-    zone = shear_zone(z, flow(along), mass, DIAMETER)
+    zone = shear_zone(z, flow(SPEED * np.clip((z - bottom) / (top - bottom), 0.0, 1.0)), mass, DIAMETER)
     # plateaus and the band are straight lines: only the neighbours of an edge are interpolated
     assert zone.rate == pytest.approx(SPEED / (top - bottom), rel=1e-9)
     assert [zone.bottom, zone.top] == pytest.approx([33e-6, 57e-6], rel=1e-9)
-
-
-def test_two_blocks_that_slide_shear_over_one_diameter():
     z, mass = bed_of_points()
     zone = shear_zone(z, flow(np.where(z > 0.37 * HEIGHT, SPEED, 0.0)), mass, DIAMETER)
     assert zone.rate == pytest.approx(SPEED / DIAMETER, rel=1e-12)

@@ -13,7 +13,6 @@ from layer import R, hue_share, skip_unless_drawable, write_layer
 from matplotlib.colors import to_hex
 from PIL import Image
 from steel import SCENES
-
 import thirdbody
 from thirdbody.api import open_run
 from thirdbody.errors import InputError, MissingLibrary, OutputError
@@ -89,17 +88,14 @@ def test_forces_are_tubes(layer, picture, tmp_path, view):
     assert dark[1] > dark[0] + 0.003  # a hundred tubes of some 3 by 20 pixels, half of them hidden
 
 
-REFUSED = [
-    ({"frame": 2}, "no frame 2"), ({"color": "utilization"}, "did you mean 'utilisation'"), ({"zoom": 0.0}, "zoom"),
-    ({"size": (10, 10)}, "outside 200 to 8192"), ({"view": "tpo"}, "did you mean 'top'"),
-    ({"camera": "follow"}, "needs the body"), ({"camera": "loose", "body": 3}, "neither fixed nor follow"),
-    ({"frames": "0:2"}, "shows one frame"), ({"fps": 0}, "fps"), ({"body": 200}, "no body 200; ids are 0 to 199"),
-    ({"body": 3, "forces": True}, "leave out forces"),
-]  # fmt: skip
-
-
 def test_options_that_cannot_be_and_missing_libraries_are_named(layer, tmp_path, monkeypatch):
-    for options, message in REFUSED:
+    for options, message in [
+        ({"frame": 2}, "no frame 2"), ({"color": "utilization"}, "did you mean 'utilisation'"), ({"zoom": 0.0}, "zoom"),
+        ({"size": (10, 10)}, "outside 200 to 8192"), ({"view": "tpo"}, "did you mean 'top'"),
+        ({"camera": "follow"}, "needs the body"), ({"camera": "loose", "body": 3}, "neither fixed nor follow"),
+        ({"frames": "0:2"}, "shows one frame"), ({"fps": 0}, "fps"), ({"body": 200}, "no body 200; ids are 0 to 199"),
+        ({"body": 3, "forces": True}, "leave out forces"),
+    ]:  # fmt: skip
         with pytest.raises(InputError, match=message):
             render(layer, tmp_path / "a.png", **options)
     with pytest.raises(InputError, match="name it .png, .gif, .mp4 or .html"):
@@ -136,11 +132,9 @@ def test_a_crash_of_vtk_is_one_sentence_after_all_windows_were_tried(layer, tmp_
 
 
 def test_bodies_are_wrapped_whole_into_the_domain(tmp_path):
-    path = write_layer(tmp_path / "run.vtkhdf", 60, frames=12)
-    with open_run(path) as run:
+    with open_run(write_layer(tmp_path / "run.vtkhdf", 60, frames=12)) as run:
         first, last = read_picture_data(run, 0, "state"), read_picture_data(run, -1, "state")
-    size = last.high[:2]
-    assert np.all(last.bodies[:, :2] >= 0.0) and np.all(last.bodies[:, :2] <= size)
+    assert np.all(last.bodies[:, :2] >= 0.0) and np.all(last.bodies[:, :2] <= last.high[:2])
     # Spheres keep their place in their body; rel 1e-9 of a radius: two subtractions of 1e-4 m in float64.
     np.testing.assert_allclose(last.centers - last.bodies[last.body], first.centers - first.bodies[first.body], atol=1e-9 * R)
     assert np.any(last.bodies[:, 0] < first.bodies[:, 0]), "some bodies must have come round"
@@ -192,8 +186,7 @@ def test_numbers_with_units_and_colours():
     # colours
     assert state_colors(["sliding", "free"]) == [STATE_COLORS["sliding"], STATE_COLORS["free"]]
     assert len(set(state_colors(["free", "tipping", "locked"]))) == 3
-    ends = field_colors(np.array([0.0, 1.0, np.nan]))
-    assert ends.tolist() == [[68, 1, 84], [253, 231, 37], [215, 215, 215]]
+    assert field_colors(np.array([0.0, 1.0, np.nan])).tolist() == [[68, 1, 84], [253, 231, 37], [215, 215, 215]]
     assert len(set(category_colors(10))) == 10 and category_colors(11)[10] == category_colors(10)[1]
 
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from ensembles import ROUGH, arrays, scene
 from steel import scene_text
-
 import thirdbody
 from thirdbody.assembly.populate import depth_in_lower, plate_heights, populate, sphere_centres
 from thirdbody.assembly.surfaces import MERGING, NARROW, NOTICED, plate_surfaces, surface_scales
@@ -67,7 +66,7 @@ def test_bodies_of_known_poses():
         assert heights[0] == pytest.approx(5e-6, rel=1e-9), apart  # spheres nearer than 1e-9 radii are one
 
 
-def test_random_clumps_rest_in_minima():
+def test_random_clumps_rest_in_minima_and_none_is_missed():
     for seed in range(3):
         rng = np.random.default_rng(seed)
         aspect = ([1, 0.8, 0.6], [1, 1, 0.2], [1, 0.3, 0.3])[seed % 3]
@@ -85,10 +84,7 @@ def test_random_clumps_rest_in_minima():
                 assert height(body, tilted / np.linalg.norm(tilted)) > h, seed
         # The lowest pose is the least height of all.
         assert min(height(body, t) for t in tilts) >= heights[0], seed
-
-
-def test_no_minimum_is_missed():
-    """Rolling downhill from anywhere, by small random steps, ends in a pose that was found."""
+    # rolling downhill from anywhere, by small random steps, ends in a pose that was found
     rng = np.random.default_rng(0)
     body = irregular(rng, 5, [1, 0.8, 0.6], 1.0)
     ups = ups_of(resting_poses(body)[0])
@@ -106,7 +102,7 @@ def test_no_minimum_is_missed():
         assert np.linalg.norm(ups - u, axis=1).min() < 1e-2  # the walk stalls in narrow valleys
 
 
-def test_settle_is_reproducible_and_turns_about_the_vertical():
+def test_settling_is_reproducible_about_the_vertical_together_or_one_after_the_other():
     body = irregular(np.random.default_rng(1), 6, [1, 0.8, 0.6], 1.0)
     first, again = (settle_all([body], np.random.default_rng(5))[0] for _ in range(2))
     assert np.array_equal(first, again)
@@ -118,10 +114,7 @@ def test_settle_is_reproducible_and_turns_about_the_vertical():
         k = int(np.argmax(ups @ matrix_from_quaternion(quaternion)[2]))
         assert ups[k] == pytest.approx(matrix_from_quaternion(quaternion)[2], abs=1e-12)
         assert h == heights[k]
-
-
-def test_settled_together_or_one_after_the_other():
-    """Bodies of several numbers of spheres, a ball and a rod among them, from one stream."""
+    # bodies of several numbers of spheres, a ball and a rod among them, from one stream
     bodies = [irregular(np.random.default_rng(k), 1 + k % 6, [1, 0.8, 0.6], 1e-5) for k in range(24)]
     quaternions, heights = settle_all(bodies, np.random.default_rng(5))
     rng = np.random.default_rng(5)
@@ -158,7 +151,7 @@ def surface_of(text):
     return plate_surfaces(thirdbody.Scene.parse(SCENE.format(debris=LAYER, surface=text)))["lower"]
 
 
-def test_a_sphere_touches_a_wave_where_the_closed_form_says():
+def test_a_sphere_touches_a_wave_where_the_closed_form_says_and_a_layer_lies_on_it():
     """The largest of cosine plus circle; 1e-5 of the amplitude is the error of the spline through 32 points of a wave."""
     surface, k = surface_of(A_WAVE), 2.0 * math.pi / 20e-6
     for x, radius in ((0.0, 3e-6), (10e-6, 3e-6), (10e-6, 2e-5), (5e-6, 1e-6)):
@@ -166,9 +159,6 @@ def test_a_sphere_touches_a_wave_where_the_closed_form_says():
         exact = float(np.max(1e-6 * np.cos(k * (x + t)) + np.sqrt(radius**2 - t**2)))
         found = dilation(surface, np.array([[x, 3.3e-5], [x + 1e-4, -1e-6]]), np.array([radius, radius]))
         np.testing.assert_allclose(found, exact, atol=1e-11)
-
-
-def test_a_layer_lies_on_the_rough_plate_and_its_bodies_do_not_overlap():
     scene = thirdbody.Scene.parse(SCENE.format(debris=LAYER, surface='{rms = "0.5 um", long = "20 um", short = "4 um"}'))
     surfaces = plate_surfaces(scene)
     placed = populate(scene, [], surfaces)

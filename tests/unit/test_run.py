@@ -10,7 +10,6 @@ import h5py
 import numpy as np
 import pytest
 from trial_run import HEADER, STATIC, expected, make_frame, write_frames
-
 from thirdbody.api import open_run
 from thirdbody.errors import InputError
 from thirdbody.trajectory import open_file
@@ -43,7 +42,7 @@ def run(path):
         yield run
 
 
-def test_every_array_comes_back(run):
+def test_every_array_history_name_series_and_unit_comes_back(run, tmp_path):
     readers = {"spheres": run.spheres, "clumps": run.bodies, "contacts": run.contacts, "plates": run.plates}
     for number in range(FRAMES):
         for block, read in readers.items():
@@ -52,9 +51,6 @@ def test_every_array_comes_back(run):
             assert set(arrays) == set(written)
             for name, values in written.items():
                 np.testing.assert_array_equal(arrays[name], values)
-
-
-def test_histories_names_series_and_units(run, tmp_path):
     frames = [frame_with(number) for number in range(FRAMES)]
     np.testing.assert_array_equal(run.times, [frame.time for frame in frames])
     np.testing.assert_array_equal(run.states, [frame.clumps["state"] for frame in frames])
@@ -109,8 +105,7 @@ def test_summary_of_figures_and_of_the_run(tmp_path):
     with open_run(write(tmp_path, finish={"wall_seconds": 2.5, "steps": np.int64(7)})) as run:
         summary = run.summary()
     assert summary["finished"] and summary["wall_seconds"] == 2.5 and summary["steps"] == 7
-    figures = [summary[name] for name in ("frames", "bodies", "duration", "distance")]
-    assert figures == [5, 3, 4 * 1e-6, 8.0]
+    assert [summary[name] for name in ("frames", "bodies", "duration", "distance")] == [5, 3, 4 * 1e-6, 8.0]
     # the second half of the 8 m: the intervals of frames 3 and 4 with 0.3 and NaN (unloaded); rel: one product
     assert summary["friction_coefficient"] == pytest.approx(0.3, rel=1e-14)
     assert summary["fractions"] == {"free": 2 / 3, "sticking": 0.0, "sliding": 0.0, "rolling": 1 / 3}

@@ -1,5 +1,4 @@
-"""The trajectory file: read back by VTK's own reader, which finds nothing where the layout has a fault, and as a kill leaves it,
-at any write or within one: both readers have the committed frames."""
+"""The trajectory file: read back by VTK's own reader, also as a kill leaves it at any write or within one."""
 
 import os
 import shutil
@@ -17,7 +16,6 @@ import numpy as np
 import pytest
 from slow import slow
 from trial_run import CONTACT_COUNTS, HEADER, STATIC, assert_same_as_vtk, assert_vtk_frame, make_frame, vtk_blocks, write_frames
-
 from thirdbody.api import open_run
 from thirdbody.errors import InputError, OutputError
 from thirdbody.export.paraview import write_paraview_files, write_sidecars
@@ -257,8 +255,7 @@ def wide_frame(number: int) -> Frame:
 @pytest.mark.full(kind="slow")
 def test_a_kill_while_an_index_grows_by_a_node_leaves_the_committed_frames(tmp_path, notes_of):
     """A node is split: half of its entries, of frames committed long ago, move to a new one that the one above names first."""
-    static = {"spheres": {"radius": np.ones(BODIES)}, "clumps": {"id": np.arange(BODIES)}}
-    notes = notes_of(520, static, wide_frame)
+    notes = notes_of(520, {"spheres": {"radius": np.ones(BODIES)}, "clumps": {"id": np.arange(BODIES)}}, wide_frame)
     seen, growing = set(), set()
     for report, place, data in notes:
         if data is not None and data[:4] == b"TREE":

@@ -14,7 +14,6 @@ import pytest
 from layer import clump_layer, hue_share, write_layer
 from PIL import Image
 from portable import PATIENCE
-
 from thirdbody.api import open_run
 from thirdbody.errors import InputError
 from thirdbody.palette import STATE_COLORS
@@ -132,8 +131,7 @@ def packed(text, kind):
 
 
 def test_a_page_holds_heights_of_both_plates_and_the_contacts(rough, tmp_path):
-    page = render(rough, tmp_path / "a.html", frame=0)
-    data = data_of(page.read_text(encoding="utf-8"))
+    data = data_of(render(rough, tmp_path / "a.html", frame=0).read_text(encoding="utf-8"))
     with open_run(rough) as run:
         picture = read_picture_data(run, 0, "state")
     middle, extent = 0.5 * (picture.low + picture.high), picture.high - picture.low
@@ -163,7 +161,6 @@ def test_a_page_thins_out_a_fine_surface(surfaces, tmp_path):
 
 
 BROWSER = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
-needs_browser = pytest.mark.skipif(BROWSER is None, reason="needs Chromium")
 
 
 @pytest.fixture(scope="module")
@@ -180,8 +177,7 @@ def test_a_page_holds_every_sphere_its_colour_and_the_legend(layer, tmp_path):
     scale = 100.0 / np.max((picture.high - picture.low)[:2])
     expected = np.column_stack(((picture.centers - 0.5 * (picture.low + picture.high)) * scale, picture.radii * scale))
     np.testing.assert_allclose(spheres, expected, atol=1e-5)  # float32 of numbers to 50
-    colors = packed(data["colors"], "u1").reshape(-1, 3)
-    assert np.array_equal(colors, picture.colors)
+    assert np.array_equal(packed(data["colors"], "u1").reshape(-1, 3), picture.colors)
     for words, tone in picture.legend.entries:
         assert f'<i style="background:{tone}"></i>{html.escape(words)}' in text
     # marks of a scale stand at their values
@@ -211,7 +207,7 @@ def browse(page, *options):
 
 
 @pytest.mark.full(kind="browser")
-@needs_browser
+@pytest.mark.skipif(BROWSER is None, reason="needs Chromium")
 @pytest.mark.parametrize("view", ["iso", "side", "front", "top"])
 def test_a_browser_shows_bodies_and_legend(layer, tmp_path, view):
     page = render(layer, tmp_path / "a.html", view=view)

@@ -11,7 +11,6 @@ import pytest
 from each import each
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-
 from thirdbody.errors import InputError, OutputError
 from thirdbody.scene import model
 from thirdbody.scene.model import Contact, Irregular, Lognormal, Material, Output, Scene
@@ -20,7 +19,7 @@ from thirdbody.schema.read import locate
 GOOD = (Path(__file__).parent / "good_scene.toml").read_text(encoding="utf-8")
 
 
-def test_the_good_scene_is_read():
+def test_the_good_scene_is_read_saved_and_loaded(tmp_path):
     scene = Scene.parse(GOOD)
     (debris,) = scene.debris
     assert isinstance(debris, Irregular)
@@ -41,9 +40,6 @@ def test_the_good_scene_is_read():
     assert by_young.shear() == by_shear.shear() == 84e9
     assert by_young.young() == by_shear.young() == 210e9
     assert Contact().level == "mindlin" and Contact(law="other").level is None
-
-
-def test_load_and_save(tmp_path):
     path = tmp_path / "a.toml"
     path.write_bytes(b"\xef\xbb\xbf" + GOOD.replace("\n", "\r\n").encode())  # as some editors write
     scene = Scene.load(path)
@@ -60,7 +56,7 @@ def test_load_and_save(tmp_path):
 STEEL = Material(youngs_modulus=210e9, poisson_ratio=0.3, density=7850)
 
 
-def test_a_scene_built_in_python_is_the_one_of_the_file():
+def test_a_scene_built_in_python_is_the_one_of_the_file_and_its_faults_are_input_errors():
     size = {"distribution": "lognormal", "median": 1e-5, "sigma": 0.2, "min": "5 um", "max": 20e-6}
     upper = {"material": "steel", "support": "load_per_particle", "load": 1e-4, "motion": {"x": {"velocity": 1}}}
     scene = Scene(
@@ -72,9 +68,6 @@ def test_a_scene_built_in_python_is_the_one_of_the_file():
         output=Output(every=0.5e-6, every_kind="distance"),
     )  # fmt: skip
     assert scene == Scene.parse(GOOD)
-
-
-def test_faults_in_python_are_input_errors_with_all_faults():
     with pytest.raises(InputError) as caught:
         model.UpperPlate(material="steel", load="1 mN", gap=-1.0, colour="red")
     report = [str(fault) for fault in caught.value.faults]
@@ -112,8 +105,7 @@ def test_settings_replace_values_and_their_alternatives():
     ):
         for (one, value), (other, instead) in permutations(rivals, 2):
             given = {"plates.upper.support": "rigid", "debris.0.placement": "dilute", f"{table}.{one}": value}
-            before = Scene.parse(GOOD).with_settings(given)
-            now = before.with_settings({f"{table}.{other}": instead}).document()
+            now = Scene.parse(GOOD).with_settings(given).with_settings({f"{table}.{other}": instead}).document()
             for part in table.split("."):
                 now = now[int(part) if part == "0" else part]
             assert other in now and one not in now

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from each import each
 from steel import STEEL
-
 from thirdbody.assembly.schedule import rows_of
 from thirdbody.bodies.body_tables import load_bodies
 from thirdbody.errors import InputError
@@ -222,14 +221,11 @@ TAIL = """
 BALL = '[[debris]]\nkind = "spheres"\nmaterial = "steel"\nradius = "1 um"\ncount = 1\n'
 
 
-def test_an_npz_of_too_many_spheres_is_refused(tmp_path):
+def test_tables_of_too_many_rows_are_refused_and_faults_by_the_thousand_counted(tmp_path):
     n = 1_000_001
     np.savez_compressed(tmp_path / "b.npz", center=np.zeros((n, 3)), radius=np.zeros(n), clump=np.zeros(n, int))
     with pytest.raises(InputError, match="center: has 1000001 rows, at most 1000000 spheres are read from one file"):
         load_bodies(tmp_path / "b.npz")
-
-
-def test_tables_of_too_many_rows_are_refused_before_they_are_split(tmp_path):
     (tmp_path / "b.csv").write_bytes(b"clump,x [um],y [um],z [um],radius [um]\n" + b"1,1,1,1,1\n" * 1_000_001)
     with pytest.raises(InputError, match="b.csv: has 1000001 rows, at most 1000000 spheres are read from one file"):
         load_bodies(tmp_path / "b.csv")
@@ -237,17 +233,11 @@ def test_tables_of_too_many_rows_are_refused_before_they_are_split(tmp_path):
     scene = Scene.parse(STEEL + BALL + TAIL, folder=tmp_path)
     with pytest.raises(InputError, match="is too large: at most 1000000 rows and 100 MB are read"):
         rows_of(scene, ("plates", "upper", "motion", "x", "table"), "m.csv", "displacement", "length")
-
-
-def test_values_that_are_wrong_by_the_thousand_are_counted(tmp_path):
     n = 5000
     np.savez(tmp_path / "b.npz", center=np.full((n, 3), np.nan), radius=np.zeros(n), clump=np.zeros(n, int))
     with pytest.raises(InputError) as report:
         load_bodies(tmp_path / "b.npz")
     assert len(report.value.faults) == 11 and report.value.faults[-1].message == "and 19990 more faults"
-
-
-def test_a_scene_of_too_many_tables_is_reported_by_their_number_alone():
     for head, debris, message in (
         (STEEL + "".join(f"[materials.m{k}]\n" for k in range(1000)), BALL, "materials: 1001 materials, at most 1000 are read"),
         (STEEL, BALL * 1001, "debris: 1001 debris tables, at most 1000 are read"),

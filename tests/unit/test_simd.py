@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from numba import njit, types
 from steel import SCENES
-
 import thirdbody
 from thirdbody.engine import units
 from thirdbody.jit import simd
@@ -59,7 +58,7 @@ def compared(A, B, least, out, bits, whole):
         bits[i], whole[i] = simd.less_mask(a, b), simd.all_below(a, least)
 
 
-def test_arithmetic_has_the_bits_of_numpy():
+def test_arithmetic_comparison_and_rounding_have_the_bits_of_numpy():
     """A processor can do a product and a sum with one rounding: other bits, and not on every machine."""
     one, other = numbers(400, 1), numbers(400, 2)
     one[:300] *= np.abs(other[:300] / one[:300])  # of like size, so that both have a say in a sum
@@ -73,9 +72,6 @@ def test_arithmetic_has_the_bits_of_numpy():
         assert alike(np.ascontiguousarray(out[3, :, :3]), expected[3])
         assert np.all(out[3, :, 3] == 0.0)  # what stands behind a vector stays nothing
     assert alike(out[4], a + b * c) and alike(out[5], a * b - c)
-
-
-def test_numbers_are_compared_and_rounded_as_numpy_does():
     halves = np.arange(-20.0, 20.0).reshape(10, 4) / 2.0
     a = np.vstack((np.reshape(ODD, (4, 4)), numbers(40, 10, 3.0), halves))
     b = a[::-1].copy()

@@ -9,7 +9,6 @@ import pytest
 from balls import BALLS, edited
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
-
 from thirdbody.assembly.simulation import build
 from thirdbody.engine import explicit, neighbours
 from thirdbody.engine.meeting import may_have_touched
@@ -39,7 +38,7 @@ def share_within_groups(positions, order):
     return float(np.mean(group[pairs[:, 0]] == group[pairs[:, 1]]))
 
 
-def test_every_body_has_one_place_that_depends_on_the_bodies_alone():
+def test_every_body_has_one_place_and_neighbours_are_of_one_group():
     for count in (0, 1, ONE_GROUP, ONE_GROUP + 1, 3000):
         order = in_columns(debris(count), DIAMETER)
         assert np.array_equal(np.sort(order), np.arange(count))
@@ -56,9 +55,6 @@ def test_every_body_has_one_place_that_depends_on_the_bodies_alone():
     assert np.array_equal(bodies[order], bodies[mixed][in_columns(bodies[mixed], DIAMETER)])
     order = in_columns(np.repeat(debris(600), 2, axis=0), DIAMETER)  # bodies at the same place keep their order
     assert np.array_equal(order[1::2], order[::2] + 1) and np.all(order[::2] % 2 == 0)
-
-
-def test_neighbours_are_of_one_group():
     for count in (2000, 20_000):
         bodies = debris(count)
         scattered = share_within_groups(bodies, np.random.default_rng(3).permutation(count))
@@ -216,8 +212,7 @@ def spheres(n, box, seed, each=1):
     S[:, : sphere.RADIUS] = rng.uniform(0.0, 1.0, (n, 3)) * box
     S[:, sphere.RADIUS] = rng.uniform(0.2, 1.0, n) * LARGEST
     S[0, sphere.RADIUS] = LARGEST
-    side = np.where(rng.uniform(size=n) < 0.1, ONLY_LOWER, EVERYTHING).astype(np.int8)
-    return S, Spheres(np.arange(n) // each, side)
+    return S, Spheres(np.arange(n) // each, np.where(rng.uniform(size=n) < 0.1, ONLY_LOWER, EVERYTHING).astype(np.int8))
 
 
 def gaps_found(S, of, box, periodic, room):
@@ -251,16 +246,13 @@ def test_every_pair_is_found_once_and_in_order(periodic):
             assert np.array_equal(pairs, expected(S, of, box, periodic)) and len(pairs) > 10
 
 
-def test_one_cell_is_enough_and_spheres_beyond_the_grid_are_found_in_its_outermost_cells():
+def test_one_cell_is_enough_outer_cells_hold_the_rest_and_too_little_space_is_reported():
     S, of = spheres(9, (1.0, 1.0, 1.0), 1)
     assert np.array_equal(gaps_found(S, of, (1.0, 1.0, 1.0), (False, False), 100), expected(S, of, (1.0,) * 3, (False, False)))
     box = (4.0, 4.0, 4.0)
     S, of = spheres(80, box, 2)
     S[:, : sphere.RADIUS] = 1.3 * S[:, : sphere.RADIUS] - 0.6
     assert np.array_equal(gaps_found(S, of, box, (False, False), 4000), expected(S, of, box, (False, False)))
-
-
-def test_too_little_space_is_reported_and_no_spheres_have_no_pairs():
     box = (4.0, 4.0, 4.0)
     S, of = spheres(80, box, 3)
     for room in (3, 4, 20):

@@ -7,7 +7,6 @@ import math
 import pytest
 from each import each
 from steel import scene_text
-
 from thirdbody.api import run
 from thirdbody.assembly.bed import Bed
 from thirdbody.assembly.schedule import schedule
@@ -33,7 +32,6 @@ MOTIONS = {
     "triangle": '[{stroke = "1 um", frequency = "500 kHz", shape = "triangle", cycles = 1.5}, {velocity = "1 m/s"}]',
     "table": '[{table = "path.csv"}, {velocity = "-1 m/s"}]',
 }  # fmt: skip
-LOADS = ('[{load = "4 mN", duration = "1 us"}, {pause = "0.5 us"}, {load = "1 mN"}]', '{table = "load.csv"}')
 
 
 @pytest.fixture
@@ -47,7 +45,7 @@ def read(tmp_path):
     return scene
 
 
-def test_the_plate_takes_the_same_path_in_another_time(read):
+def test_the_plate_takes_the_same_path_in_another_time_and_distances_stay(read):
     for motion, axis, factor in itertools.product(MOTIONS.values(), "xy", (1.0 / 3.0, 84.0)):
         given = read(f'load = "2 mN"\nmotion = {{{axis} = {motion}}}')
         before, after = schedule(given, SETTLED), schedule(at_speed(given, factor), SETTLED)
@@ -62,14 +60,11 @@ def test_the_plate_takes_the_same_path_in_another_time(read):
     made = schedule(read(f'load = "2 mN"\nmotion = {{x = {motion}}}'), 0.0)
     assert [made.displacement_at(t * 1e-6)[0] for t in (2, 3, 4, 5)] == pytest.approx([1.5e-6, 0.5e-6, 1e-6, 3e-6], rel=1e-9)
     # a load stays at its place on the path
-    for loading in LOADS:
+    for loading in ('[{load = "4 mN", duration = "1 us"}, {pause = "0.5 us"}, {load = "1 mN"}]', '{table = "load.csv"}'):
         given, factor = read(f'load = "2 mN"\nloading = {loading}\nmotion = {{x = {{velocity = "1 m/s"}}}}'), 7.0
         before, after = schedule(given, SETTLED).load, schedule(at_speed(given, factor), SETTLED).load
         for t in TIMES:
             assert at_time(after, SETTLED + t / factor) == pytest.approx(at_time(before, SETTLED + t), rel=1e-9)
-
-
-def test_lengths_in_time_are_divided_and_distances_stay(read):
     moving = 'load = "2 mN"\nmotion = {x = {velocity = "1 m/s"}}'
     timed = at_speed(read(moving), 4.0)
     assert (timed.solver.duration, timed.output.every) == (1e-6, 0.25e-6)

@@ -10,7 +10,6 @@ from each import each
 from PIL import Image
 from scipy.integrate import quad
 from steel import scene_text
-
 from thirdbody.assembly.populate import populate, shapes_of
 from thirdbody.bodies.clump import clump
 from thirdbody.bodies.resting_poses import resting_poses
@@ -28,15 +27,12 @@ def parsed(more: str, size: str = '"10 um"', count: int = 12) -> Scene:
     return Scene.parse(SCENE.format(more=more, size=size, count=count), "s.toml")
 
 
-def ellipsoid(form: str, r: float) -> tuple[float, np.ndarray]:
-    """Volume and principal moments, rising, at unit density; the longer semi-axis is 1."""
+def errors(form: str, r: float, n: int) -> np.ndarray:
+    """Of volume and principal moments, rising; of the spheroid at unit density the longer semi-axis is 1."""
     across, along = (r, 1.0) if form == "prolate" else (1.0, r)
     volume = 4.0 / 3.0 * math.pi * across**2 * along
-    return volume, np.sort([2.0 * across**2, across**2 + along**2, across**2 + along**2]) * volume / 5.0
-
-
-def errors(form: str, r: float, n: int) -> np.ndarray:
-    body, (volume, inertia) = clump(*layout(form, r, n)[:2]), ellipsoid(form, r)
+    inertia = np.sort([2.0 * across**2, across**2 + along**2, across**2 + along**2]) * volume / 5.0
+    body = clump(*layout(form, r, n)[:2])
     return np.abs(np.append(body.volume / volume, body.inertia / inertia) - 1.0)
 
 
@@ -104,8 +100,7 @@ def test_corrugation_and_normals_of_long_bodies_are_those_of_the_closed_form(r):
 @pytest.mark.parametrize(("form", "r", "n"), [("prolate", 0.5, 20), ("prolate", 0.5, 21), ("oblate", 0.6, 19)])
 def test_bodies_rest_on_their_flat_side(form, r, n):
     made = layout(form, r, n)
-    body = clump(made.centers, made.radii)
-    quaternions, heights = resting_poses(body)
+    quaternions, heights = resting_poses(clump(made.centers, made.radii))
     # the shorter semi-axis, less the gap between two spheres
     deep = corrugation(form, r, n).height * made.equivalent_radius
     assert np.all((heights <= r * (1.0 + 1e-12)) & (heights >= r - deep))
@@ -142,8 +137,7 @@ def test_a_heading_lays_the_long_axis_in_one_direction():
         free = populate(parsed(f"axial_ratio = 0.5\nspheres = {spheres}", count=4), [])
         # only the rotation about z differs: same height, same inclination of the axis
         assert np.array_equal(free.positions[:, 2], placed.positions[:, 2])
-        inclined = [matrix_from_quaternion(q)[2, 0] for q in free.quaternions]
-        assert axes[:, 2] == pytest.approx(inclined, abs=1e-12)
+        assert axes[:, 2] == pytest.approx([matrix_from_quaternion(q)[2, 0] for q in free.quaternions], abs=1e-12)
 
 
 FAULTS = [
@@ -220,7 +214,7 @@ def test_a_mesh_is_reported_by_its_own_volume_and_inertia(call, stone):
     assert 0.0 < fit["contact_radius_ratio"]["min"] <= fit["contact_radius_ratio"]["median"] < 1.0
 
 
-def test_every_population_of_a_scene_is_reported(call, scene):
+def test_every_population_of_a_scene_and_mesh_of_a_folder_is_reported(call, scene, tmp_path, stone):
     code, out, _ = call(scene, "--json")
     rough, balls, rocks = json.loads(out)["populations"]
     found = [(entry["kind"], entry["count"]) for entry in (rough, balls, rocks)]
@@ -236,9 +230,6 @@ def test_every_population_of_a_scene_is_reported(call, scene):
     assert balls["inertia"][2]["mean"] == pytest.approx(0.4 * mass * 4e-6**2, rel=1e-12, abs=0.0)
     assert balls["sharpness"]["mean"] == pytest.approx(1.0, rel=1e-12) and rough["sharpness"]["max"] < 0.7
     assert "fit" in rocks and "fit" not in rough
-
-
-def test_a_folder_of_meshes_is_reported_mesh_by_mesh(call, scene, tmp_path, stone):
     (tmp_path / "scans").mkdir()
     for name, height in (("a.stl", 1.0), ("b.stl", 0.5)):
         mesh = stone.copy()
@@ -269,24 +260,20 @@ def test_tables_and_a_picture_of_the_bodies_are_made(call, scene, tmp_path):
     height, width, _ = pixels.shape
     assert width == 1600 and height > 900
     # bodies are coloured, words and paper are grey: rows of bodies, one ball and three views fill some of the picture
-    coloured = np.ptp(pixels, axis=2) > 40
-    assert 0.03 < coloured.mean() < 0.6
+    assert 0.03 < (np.ptp(pixels, axis=2) > 40).mean() < 0.6
     assert (pixels == 255).all(axis=2)[:, :20].all(), "nothing is cut at the edge"
 
 
-WRONG = [
-    (["rock.stl"], 2, "--unit"),
-    (["scene.toml", "--unit", "1 um", "--seed", "2"], 2, "--unit, --seed"),
-    (["rock.stl", "--unit", "1 um", "--spheres", "3"], 3, "spheres"),
-    (["absent.toml"], 3, "absent.toml"),
-    (["rock.step"], 3, "neither a scene"),
-    (["scene.toml", "--set", "debris.0.asperities.radius=4 um"], 3, "asperities.radius"),
-    (["rock.stl", "--unit", "1 um", "-o", "a.jpg"], 3, ".png"),
-    (["rock.stl", "--unit", "1 um", "-o", "absent/a.png"], OutputError.exit_code, "does not exist"),
-]
-
-
 def test_what_cannot_be_ends_with_its_code(call, scene):
-    for arguments, code, words in WRONG:
+    for arguments, code, words in [
+        (["rock.stl"], 2, "--unit"),
+        (["scene.toml", "--unit", "1 um", "--seed", "2"], 2, "--unit, --seed"),
+        (["rock.stl", "--unit", "1 um", "--spheres", "3"], 3, "spheres"),
+        (["absent.toml"], 3, "absent.toml"),
+        (["rock.step"], 3, "neither a scene"),
+        (["scene.toml", "--set", "debris.0.asperities.radius=4 um"], 3, "asperities.radius"),
+        (["rock.stl", "--unit", "1 um", "-o", "a.jpg"], 3, ".png"),
+        (["rock.stl", "--unit", "1 um", "-o", "absent/a.png"], OutputError.exit_code, "does not exist"),
+    ]:
         found, _, err = call(*arguments)
         assert found == code and words in err, (arguments, err)

@@ -8,7 +8,6 @@ import pytest
 from each import each
 from scipy.ndimage import map_coordinates
 from scipy.signal import find_peaks, resample
-
 from thirdbody.assembly.simulation import build
 from thirdbody.assembly.surfaces import plate_surfaces
 from thirdbody.errors import InputError
@@ -130,8 +129,7 @@ def test_the_spline_passes_through_the_heights_and_follows_the_band_limited_surf
     assert nearest.along == (8, 5)
     assert grid.whole_waves(SIZE, 1.0, math.radians(80.0)).along == (0, 1)  # longer than the domain
     assert 1.0 / nearest.wavelength == pytest.approx(math.hypot(8 / SIZE[0], 5 / SIZE[1]), rel=1e-12)
-    heights = sine_heights(phases((64, 80), nearest.along, 0.0), 1.0)
-    power = np.abs(np.fft.fft2(heights))
+    power = np.abs(np.fft.fft2(sine_heights(phases((64, 80), nearest.along, 0.0), 1.0)))
     assert np.argwhere(power > 1.0).tolist() == [[5, 8], [59, 72]]
 
 
@@ -239,8 +237,7 @@ def test_the_inside_of_a_scan_is_left_as_it_is():
     # four points of the file by default; 150 um by 120 um less the tenth of the blend; a part along x
     other = periodic_scan(original, (137e-6, 218e-6), ScanOptions("mean"))
     assert (other.shortest, other.copies) == (pytest.approx(2e-6), (2, 3))
-    part = cropped(original, ((10e-6, 60e-6), None))
-    assert np.array_equal(part.heights, original.heights[:, 20:121])
+    assert np.array_equal(cropped(original, ((10e-6, 60e-6), None)).heights, original.heights[:, 20:121])
     x = np.arange(40, 160) * surface.spacing[0] / original.spacing[0]
     y = np.arange(40, 120) * surface.spacing[1] / original.spacing[1]
     expected = map_coordinates(original.heights, np.meshgrid(y, x, indexing="ij"), order=3)
@@ -311,8 +308,9 @@ def test_all_faults_of_both_plates_come_at_once(tmp_path):
     assert Scene.load(tmp_path / "scene.toml") == given
     lower, upper = plate_surfaces(Scene.load(tmp_path / "scene.toml")).values()
     assert lower.shortest == pytest.approx(0.4e-6 * math.sqrt(3.0), rel=1e-12) and not upper.curvature  # a corner's two halves
-    corner = given.plates.lower.surface.wave[0].corner()
-    assert corner == pytest.approx(0.2e-6 * math.sqrt(3.0), rel=1e-12)  # by default a fifth of the flank
+    assert given.plates.lower.surface.wave[0].corner() == pytest.approx(
+        0.2e-6 * math.sqrt(3.0), rel=1e-12
+    )  # by default a fifth of the flank
 
 
 def test_a_scan_that_changed_stops_a_resumed_run():

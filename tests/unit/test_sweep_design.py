@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 from balls import BALLS
-
 from thirdbody.errors import InputError, UsageError
 from thirdbody.palette import STATE_COLORS
 from thirdbody.scene.model import Scene
@@ -15,12 +14,10 @@ from thirdbody.studies.point import DONE, FAILED, PointResult, write_result
 from thirdbody.studies.sweep_file import read_sweep, sweep_of_options, sweep_of_python
 from thirdbody.sweeps import Sweep
 
-HEAD = 'sweep = 1\nscene = "scene.toml"\n'
-
 
 def of_file(folder, text):
     path = folder / "sweep.toml"
-    path.write_text(HEAD + text, encoding="utf-8")
+    path.write_text('sweep = 1\nscene = "scene.toml"\n' + text, encoding="utf-8")
     return read_sweep(path)
 
 
@@ -133,11 +130,6 @@ d = 5
 e = []
 f = {from = 1, too = 2, count = 3}
 """
-FAULTS = [
-    "4:a.count: required key is missing: the number of values", "5:b: '1 mN' and '2 um' are a force and a length",
-    '6:c: scale = "log" needs ends above 0', "7:d: expected a list of values or a table {from, to, count}, got 5",
-    "8:e: expected at least one value", "9:f.too: unknown key, did you mean 'to'?",
-]  # fmt: skip
 
 
 def test_all_faults_of_a_file_are_reported_at_once(tmp_path):
@@ -145,7 +137,11 @@ def test_all_faults_of_a_file_are_reported_at_once(tmp_path):
     assert "sweep.toml:3:1: desgn: unknown key, did you mean 'design'?" in text
     assert "'some' is not one of 'all', 'summary'" in text
     report = faults(lambda: of_file(tmp_path, VARY + "[[together]]\ng = [1, 2]\nh = [1, 2, 3]\na = [1, 2]\n"))
-    for fault in FAULTS:
+    for fault in [
+        "4:a.count: required key is missing: the number of values", "5:b: '1 mN' and '2 um' are a force and a length",
+        '6:c: scale = "log" needs ends above 0', "7:d: expected a list of values or a table {from, to, count}, got 5",
+        "8:e: expected at least one value", "9:f.too: unknown key, did you mean 'to'?",
+    ]:  # fmt: skip
         line, _, words = fault.partition(":")
         assert any(f"sweep.toml:{line}:" in one and words in one for one in report), (fault, report)
     assert any("a is varied twice" in one for one in report)
@@ -168,16 +164,12 @@ def finished(folder, vary, failed=-1, **options):
     return Sweep(folder)
 
 
-def test_means_over_seeds_have_the_standard_error(tmp_path):
-    sweep = finished(tmp_path, {MU: [0.1, 0.2], SEED: [1, 2, 3]}, failed=0)
-    shown = average(sweep, MU, None)
+def test_means_over_seeds_have_the_standard_error_which_is_the_bar_of_curves(tmp_path):
+    shown = average(finished(tmp_path, {MU: [0.1, 0.2], SEED: [1, 2, 3]}, failed=0), MU, None)
     assert shown.x.tolist() == [0.1, 0.2] and shown.largest == 3 and shown.averaged == (SEED,)
     # seeds 1, 2, 3: mean 2, standard deviation 1; the failed point of seed 1 is left out; rounding of a few sums
     assert shown.values["friction_coefficient"] == pytest.approx([0.125, 0.22], rel=1e-12)
     assert shown.errors["friction_coefficient"] == pytest.approx([0.005, 0.01 / np.sqrt(3.0)], rel=1e-12)
-
-
-def test_curves_have_bars_and_a_colour_per_value_of_the_second_axis(tmp_path):
     sweep = finished(tmp_path, {MU: {"from": 0.1, "to": 0.5, "count": 5}, LOAD: ["0.1 mN", "1 mN"], SEED: [1, 2, 3]})
     figure = sweep.plot(tmp_path / "curves.png")
     first = figure.axes[0]
@@ -225,15 +217,13 @@ def test_maps_show_each_point_in_its_cell(tmp_path):
     ):  # fmt: skip
         with pytest.raises(UsageError, match=text):
             sweep.plot(**options)
-    plan = make_plan(Scene.parse(BALLS), sweep_of_python({MU: [0.1]}, {}), tmp_path / "new")
-    save_plan(plan, tmp_path / "new")
+    save_plan(make_plan(Scene.parse(BALLS), sweep_of_python({MU: [0.1]}, {}), tmp_path / "new"), tmp_path / "new")
     with pytest.raises(InputError, match="no point is done"):
         Sweep(tmp_path / "new").plot()
 
 
 def test_tables_of_pandas_and_xarray(tmp_path):
-    vary = {(SEED, LOAD): [(1, 1e-4), (2, 2e-4), (3, 3e-4)], MU: [0.1, 0.2]}
-    sweep = finished(tmp_path, vary, failed=5)
+    sweep = finished(tmp_path, {(SEED, LOAD): [(1, 1e-4), (2, 2e-4), (3, 3e-4)], MU: [0.1, 0.2]}, failed=5)
     # the constructor puts axes by single keys first
     assert list(sweep.axes.items()) == [(MU, "1"), (SEED, "1"), (LOAD, "N")]
     data = sweep.to_pandas()

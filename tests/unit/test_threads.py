@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from numba import njit
 from numba.core.errors import TypingError
-
 from thirdbody.jit import threads as teams
 from thirdbody.jit.arguments import array_part
 from thirdbody.jit.options import BARE
@@ -106,7 +105,7 @@ def unchanged():
     teams.allow_threads(before)
 
 
-def test_pieces(unchanged):
+def test_pieces_and_every_thread_of_python_has_its_own_number(unchanged):
     """They cover it, in order, none below the fewest unless it is the only one; one thread has one piece."""
     for threads in (1, 2, 5):
         teams.allow_threads(threads)
@@ -122,9 +121,6 @@ def test_pieces(unchanged):
     assert sorted(done) == list(range(40))
     with pytest.raises(ValueError, match="piece 5"):
         teams.distribute(range(40), lambda: lambda piece: complain(f"piece {piece}") if piece == 5 else None)
-
-
-def test_every_thread_of_python_has_its_own_number(unchanged):
     seen = []
     teams.allow_threads(unchanged + 1)
     other = threading.Thread(target=lambda: seen.append(teams.allowed_threads()))

@@ -3,16 +3,16 @@
 import math
 from dataclasses import replace
 from types import SimpleNamespace
+from unittest import mock
 
 import numpy as np
 import pytest
 from steel import scene_text
 from theory.plain import plain
-
 from thirdbody.assembly.integrator import inertial_number
 from thirdbody.assembly.schedule import schedule, why_swings
 from thirdbody.assembly.simulation import build
-from thirdbody.engine.explicit import _pressed
+from thirdbody.engine.explicit import _contact_bounds
 from thirdbody.engine.upper_plate import Schedule, Segment
 from thirdbody.errors import InputError
 from thirdbody.kernels.schedule import POLYNOMIAL, SINE, TRIANGLE, next_corner
@@ -107,7 +107,7 @@ def test_tangential_springs_get_rings_where_motion_or_load_turns_or_a_plate_is_r
         assert choice.memory == memory and len(choice.chain.laws[2].history) == size
 
 
-def test_paths_of_strokes_and_the_times_of_places_on_them():
+def test_paths_of_strokes_the_times_of_places_on_them_and_the_engine_that_follows():
     made = moved('{stroke = "2 um", frequency = "1 MHz"}')
     # to and fro: 4 um a cycle; chords of a thousandth of a period fall short by (pi/1000)^2/24 at most
     assert made.path(0.0, 3e-6) == pytest.approx(12e-6, rel=1e-6)
@@ -128,9 +128,6 @@ def test_paths_of_strokes_and_the_times_of_places_on_them():
     both, fine = Schedule(x=(stroke,), y=(ramp, Segment(9.0, POLYNOMIAL, 0.0))), np.linspace(0.0, 8.5, 85_001)
     places = np.array([both.displacement_at(t) for t in fine])
     assert both.path(0.0, 8.5) == pytest.approx(np.linalg.norm(np.diff(places, axis=0), axis=1).sum(), rel=1e-5)
-
-
-def test_the_engine_follows_the_schedule():
     text = '[{ramp = "1 m/s", duration = "0.2 us"}, {stroke = "0.3 um", frequency = "5 MHz", cycles = 1}, {velocity = "-1 m/s"}]'
     built = build(scene(f'load = "1 mN"\nmotion = {{x = {text}}}', 'duration = "0.6 us"\nsettle = "0.1 us"'))
     built.integrator.advance_to(time=0.6e-6)
@@ -198,7 +195,7 @@ def shared(tops, stiffness, load):
     return loads(high)
 
 
-def test_a_foundation_shares_the_load_by_its_springs():
+def test_a_foundation_shares_the_load_by_its_springs_and_a_stiff_one_is_a_rigid_plate():
     built, force = settled('support = "foundation"\nstiffness = "100 N/m"\nload = "10 uN"')
     tops = np.array([10.0e-6, 10.02e-6, 10.06e-6])
     # 40 us are eight relaxation times c/k of the patches: e^-8
@@ -208,9 +205,6 @@ def test_a_foundation_shares_the_load_by_its_springs():
     # a soft foundation with preload loads each
     _, force = settled('support = "foundation"\nstiffness = "1e-3 N/m"\npreload = "10 uN"\ngap = "10.07 um"')
     assert force == pytest.approx([10e-6] * 3, rel=0.01)
-
-
-def test_a_stiff_foundation_is_a_rigid_plate():
     _, stiff = settled('support = "foundation"\nstiffness = "1e6 N/m"\nload = "10 uN"')
     built, rigid = settled('support = "rigid"\nload = "10 uN"')
     # the tallest carries it all: 40 nm more than the overlap under 10 uN
@@ -283,8 +277,11 @@ def test_stages_follow_each_other_the_last_load_stays_and_the_largest_is_foresee
         assert schedule(read(STAGES), 0.0).largest_load(start, end) == pytest.approx(largest, rel=1e-9, abs=1e-9)
     # until the next bound, since steps may grow: 1.5 horizons
     P, upper = np.full((1, patch.WIDTH), 2.0), SimpleNamespace(schedule=schedule(read(STAGES), 0.0))
-    state = SimpleNamespace(P=P, time=3e-6, world=SimpleNamespace(upper=upper))
-    assert [_pressed(state, t)[0, patch.LOAD] for t in (0.6e-6, 0.7e-6)] == pytest.approx([2.0, 2e4], rel=1e-9)
+    state = mock.Mock(P=P, time=3e-6, world=SimpleNamespace(upper=upper))
+    for horizon, load in ((0.6e-6, 2.0), (0.7e-6, 2e4)):
+        with mock.patch("thirdbody.engine.explicit.limits.Assembly", side_effect=KeyError) as given, pytest.raises(KeyError):
+            _contact_bounds(state, horizon, 0.3)
+        assert given.call_args.args[11][0, patch.LOAD] == pytest.approx(load, rel=1e-9)
     P = np.zeros((3, patch.WIDTH))  # what is carried at the end: two patches with a preload on the springs of a common plate
     P[:, patch.FREE], P[:, patch.LOAD], P[2, patch.NOMINAL_LOAD], P[:2, patch.SPRING] = 1.0, (3.0, 3.0, 10.0), 10.0, 5.0
     loop = SimpleNamespace(series={"upper_force": (0, 0, 11.0), "direct_force": (0, 0, 1.0)}, maker=SimpleNamespace(interval=2.0))
@@ -299,7 +296,7 @@ def table_scene(folder, rows, more=""):
     return Scene.load(folder / "scene.toml")
 
 
-def test_a_table_of_loads_right_and_wrong(tmp_path):
+def test_loads_of_a_table_and_of_the_scene_right_and_wrong(tmp_path):
     given = table_scene(tmp_path, "time (us), load (mN)\n0, 2\n1, 4\n3, 0\n")
     assert factors(given, 0.0, [0.5e-6, 1e-6, 2e-6, 5e-6]) == pytest.approx([1.5, 2.0, 1.0, 0.0], rel=1e-9, abs=1e-12)
     fast = table_scene(tmp_path, "time (us), load (mN)\n0, 2\n1, 4\n", ", speed = 10")
@@ -312,9 +309,6 @@ def test_a_table_of_loads_right_and_wrong(tmp_path):
         with pytest.raises(InputError, match="plates.upper.loading.table") as caught:
             schedule(table_scene(tmp_path, f"time (us), {rows}"), 0.0)
         assert message in str(caught.value)
-
-
-def test_wrong_loads_are_refused_and_good_ones_survive_writing():
     for loading, message in (
         ('{load = "-1 N"}', "plates.upper.loading.load"), ('[{lode = "1 N"}]', "did you mean 'load'"),
         ("[]", "the list of stages is empty"), ('[{load = "1 N", duration = "0 s"}]', "duration"),
