@@ -1,7 +1,6 @@
 """Pictures and films of a run as PNG, GIF, MP4 or HTML files, without a screen."""
 
 import json
-import os
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from functools import partial, reduce
@@ -9,8 +8,9 @@ from operator import or_
 from pathlib import Path
 from typing import Any
 
-from thirdbody.atomic_files import write_whole
-from thirdbody.errors import InputError, OutputError, nearest
+from thirdbody.atomic_files import write_output
+from thirdbody.errors import InputError, nearest
+from thirdbody.plot.figures import writable
 from thirdbody.render.elsewhere import draw_elsewhere
 from thirdbody.render.film import DRAWN, FilmReporter, film_reporter, frame_numbers, gif, mp4, pyav
 
@@ -82,10 +82,7 @@ def render(run_path: str | Path, output: str | Path, *, progress: bool | FilmRep
     if output.suffix.lower() in PAGES:
         from thirdbody.render.web_viewer import write_page
 
-        try:
-            return write_page(data, output, chosen.view)
-        except OSError as error:
-            raise OutputError(f"{output}: cannot be written ({error.strerror})") from error
+        return write_page(data, output, chosen.view)
     job = asdict(chosen) | {"run": str(run.path), "file": str(output), "frames": numbers}
     with film_reporter(film and progress, output.name) as report:
         draw_elsewhere(__name__, job, report)
@@ -126,13 +123,11 @@ def checked_output(path: str | Path, allowed: tuple[str, ...] = STILLS + FILMS +
     if path.suffix.lower() not in allowed:
         names = " or ".join([", ".join(allowed[:-1]), allowed[-1]] if allowed[1:] else allowed)
         raise InputError(f"{path}: pictures are written by their suffix; name it {names}")
-    if not os.path.isdir(path.absolute().parent):
-        raise OutputError(f"{path}: the folder {path.parent} does not exist")
-    return path
+    return writable(path)
 
 
 def draw(job: dict[str, Any]) -> None:
-    """Draw the frames of a job, as `render` checked it, in the second process. Raises OSError when the file cannot be written."""
+    """Draw the frames of a job, as `render` checked it, in the second process. Raises OutputError."""
     from thirdbody.render.canvas import Canvas, save_png
     from thirdbody.trajectory.run_file import RunFile
 
@@ -142,7 +137,7 @@ def draw(job: dict[str, Any]) -> None:
         if file.suffix.lower() == ".png":
             save_png(next(pictures), file, origin(run, job))
         else:
-            write_whole(file, {".gif": gif, ".mp4": mp4}[file.suffix.lower()](pictures, job["fps"]))
+            write_output(file, {".gif": gif, ".mp4": mp4}[file.suffix.lower()](pictures, job["fps"]))
 
 
 def origin(run: Any, job: dict[str, Any]) -> dict[str, str]:

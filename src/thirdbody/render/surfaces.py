@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from thirdbody.atomic_files import write_whole
-from thirdbody.errors import InputError, OutputError, nearest
+from thirdbody.errors import InputError, nearest
 from thirdbody.palette import rgb
+from thirdbody.plot.figures import save
 from thirdbody.trajectory.names import LOWER_PLATE, PLATES
 from thirdbody.trajectory.read_blocks import rows_of
 from thirdbody.trajectory.run_file import RunFile
@@ -170,12 +169,7 @@ def draw_plate_map(run: RunFile, file: Path, options: Any) -> Path:
     )
     figure.colorbar(image, ax=axes, label=f"{name.replace('_', ' ')} [{unit}]", shrink=0.9)
     axes.set(xlabel="x of the plate [µm]", ylabel="y of the plate [µm]", title=f"{options.plate} plate, {words}")
-    content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=DOTS)
-    try:
-        write_whole(file, content.getvalue())
-    except OSError as problem:
-        raise OutputError(f"{file}: cannot be written ({problem.strerror})") from problem
+    save(figure, file, DOTS)
     return file
 
 

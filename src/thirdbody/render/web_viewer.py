@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from thirdbody.atomic_files import write_whole
+from thirdbody.atomic_files import write_output
 from thirdbody.palette import FIELD_STOPS, rgb
 from thirdbody.render.picture_data import PictureData
 from thirdbody.render.surfaces import CONTACT, HIGHEST, LOWEST
@@ -24,7 +24,7 @@ FINEST = 320  # largest number of points along the longer side of a rough plate:
 
 
 def write_page(data: PictureData, path: Path, view: str = "iso") -> Path:
-    """Write the page of a frame, seen from `view` first; return its path. Raises OSError when the file cannot be written."""
+    """Write the page of a frame, seen from `view` first; return its path. Raises OutputError when the file cannot be written."""
     text = files("thirdbody.render").joinpath("web_viewer.html").read_text(encoding="utf-8")
     contents = {
         "@TITLE@": html.escape(data.title or "thirdbody"),
@@ -34,7 +34,7 @@ def write_page(data: PictureData, path: Path, view: str = "iso") -> Path:
         "@DATA@": json.dumps(_scene(data) | {"view": view}).replace("<", "\\u003c"),
     }
     text = re.sub("|".join(contents), lambda mark: contents[mark[0]], text)  # once: a title may hold another mark
-    write_whole(path, text.encode("utf-8"))
+    write_output(path, text.encode("utf-8"))
     return path
 
 

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from thirdbody.atomic_files import write_whole
-from thirdbody.errors import OutputError, UsageError
+from thirdbody.atomic_files import write_output
+from thirdbody.errors import UsageError
 from thirdbody.report.tables import print_json, table
 from thirdbody.scene.model import Scene
 from thirdbody.surfaces.reading import npz_bytes, read_any_scan
@@ -47,10 +47,7 @@ def surface_report(
         raise UsageError("--unit, --spacing: for a file of a measured surface")
     scan, one = _plate(path, plate, settings, plugins) if scene else _measured(path, *grid)
     for target in (target for target, kind in kinds.items() if kind == SCAN):
-        try:
-            write_whole(target, npz_bytes(scan))
-        except OSError as error:
-            raise OutputError(f"{target}: cannot be written ({error.strerror or error})") from error
+        write_output(target, npz_bytes(scan))
     _print(one, json)
     for target in (target for target, kind in kinds.items() if kind in PICTURES):
         from thirdbody.plot.surface_plot import draw_surface

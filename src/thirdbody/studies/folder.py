@@ -118,7 +118,7 @@ def save_plan(plan: Plan, folder: Path, more: Mapping[str, Any] | None = None) -
             for one, settings in zip(plan.points, plan.settings, strict=True)
         ],
     }  # fmt: skip
-    write_output(folder / SCENE_FILE, plan.scene.encode())
+    write_output(folder / SCENE_FILE, plan.scene.encode(), make_folder=True)
     write_output(folder / SWEEP_FILE, json.dumps(document | dict(more or {})).encode())
 
 

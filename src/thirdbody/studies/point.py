@@ -75,7 +75,7 @@ class PointResult:
 
 def write_result(point: Point, result: PointResult) -> None:
     """Write the result into the folder of its point, whole or not at all. Raises OutputError."""
-    write_output(point.folder / RESULT_FILE, json.dumps(asdict(result)).encode())
+    write_output(point.folder / RESULT_FILE, json.dumps(asdict(result)).encode(), make_folder=True)
 
 
 def read_result(point: Point) -> PointResult | None:
