@@ -12,13 +12,13 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from thirdbody.errors import InputError, UsageError
+from thirdbody.palette import INK, SOFT_INK
 from thirdbody.plot import NAMES, bed_panels, drag_panels
 from thirdbody.plot.figures import checked_path, save
 from thirdbody.plot.run_data import Panel, RunData
 from thirdbody.trajectory.run_file import RunFile
 from thirdbody.units import GLUE, MINUS, quantity_text
 
-INK, SOFT = "#222222", "#5A626C"
 WIDTH = 8.27  # width of the page [inch]: A4
 TITLE_LINE, LINE, NOTE_LINE = 0.27, 0.17, 0.125  # heights of lines of text: title, headline, notes [inch]
 LETTERS_OF_TITLE, LETTERS, LETTERS_OF_NOTE = 62, 116, 145  # largest number of letters in such a line, by the width of the page
@@ -126,7 +126,7 @@ def _compose(data: RunData, panels: list[Panel]) -> Figure:
         _fill(subfigure, data, members)
     y = _write(figure, EDGE, title, 14.0, TITLE_LINE, INK, "bold")
     _write(figure, y, head, 9.0, LINE, INK)
-    _write(figure, height - EDGE - foot + 0.05, notes, 7.0, NOTE_LINE, SOFT)
+    _write(figure, height - EDGE - foot + 0.05, notes, 7.0, NOTE_LINE, SOFT_INK)
     return figure
 
 
