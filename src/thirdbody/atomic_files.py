@@ -76,11 +76,9 @@ def _beside(path: Path, suffix: str) -> Path:
     return full.with_name(f".{full.name}.{os.getpid()}.{suffix}")
 
 
-def write_output(path: Path, content: bytes, make_folder: bool = False) -> None:
+def write_output(path: Path, content: bytes) -> None:
     """Write a file atomically. Raises OutputError when it cannot be written."""
     try:
-        if make_folder:
-            path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, content)
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error

@@ -320,8 +320,7 @@ def _execute(built: Any, folder: Path, execution: Execution, **options: Any) -> 
 def _load(path: Path, settings: list[str] | None, plugins: list[Path] | None) -> Any:
     from thirdbody.scene.model import Scene
 
-    scene = Scene.load(path, plugins or ())
-    return scene.with_settings(override_pairs(settings)) if settings else scene
+    return Scene.load(path, plugins or ()).with_settings(override_pairs(settings))
 
 
 def main() -> None:

@@ -13,6 +13,10 @@ from thirdbody.errors import InputError, nearest
 from thirdbody.plot.figures import writable
 from thirdbody.render.elsewhere import draw_elsewhere
 from thirdbody.render.film import DRAWN, FilmReporter, film_reporter, frame_numbers, gif, mp4, pyav
+from thirdbody.render.picture_data import read_close_up, read_picture_data, refuse_lost
+from thirdbody.render.surfaces import draw_plate_map
+from thirdbody.render.web_viewer import write_page
+from thirdbody.trajectory.run_file import RunFile
 
 STILLS, FILMS, PAGES = (".png",), (".gif", ".mp4"), (".html",)
 CAMERAS, VIEWS = ("fixed", "follow"), ("iso", "side", "front", "top")
@@ -55,16 +59,11 @@ def render(run_path: str | Path, output: str | Path, *, progress: bool | FilmRep
     InputError for an invalid run, frame, array or option, MissingLibrary when the system cannot draw, OutputError when the file
     cannot be written.
     """
-    from thirdbody.render.picture_data import read_close_up, read_picture_data, refuse_lost
-    from thirdbody.trajectory.run_file import RunFile
-
     output, chosen = checked_output(output), PictureOptions(**options)
     film = output.suffix.lower() in FILMS
     _check_options(output.suffix.lower(), chosen)
     with RunFile(run_path) as run:
         if chosen.plate is not None:
-            from thirdbody.render.surfaces import draw_plate_map
-
             return draw_plate_map(run, output, chosen)
         try:
             last = -1 if chosen.frame is None else chosen.frame
@@ -80,8 +79,6 @@ def render(run_path: str | Path, output: str | Path, *, progress: bool | FilmRep
         if chosen.body is not None:
             read_close_up(run, numbers[-1], chosen.body, chosen.color)
     if output.suffix.lower() in PAGES:
-        from thirdbody.render.web_viewer import write_page
-
         return write_page(data, output, chosen.view)
     job = asdict(chosen) | {"run": str(run.path), "file": str(output), "frames": numbers}
     with film_reporter(film and progress, output.name) as report:
@@ -129,7 +126,6 @@ def checked_output(path: str | Path, allowed: tuple[str, ...] = STILLS + FILMS +
 def draw(job: dict[str, Any]) -> None:
     """Draw the frames of a job, as `render` checked it, in the second process. Raises OutputError."""
     from thirdbody.render.canvas import Canvas, save_png
-    from thirdbody.trajectory.run_file import RunFile
 
     file = Path(job["file"])
     with RunFile(job["run"]) as run, Canvas(tuple(job["size"])) as canvas:
@@ -157,7 +153,6 @@ def _draw_pictures(run: Any, job: dict[str, Any], canvas: Any) -> Iterator[Any]:
     # all in one layout: only what moves in the run moves in the film
     from thirdbody.render.closeup import compute_close_up_layout, draw_close_up
     from thirdbody.render.layout import compute_layout, draw_picture
-    from thirdbody.render.picture_data import read_close_up, read_picture_data
 
     numbers, color = job["frames"], job["color"]
     scale = reduce(or_, (read_picture_data(run, number, color).legend for number in numbers))

@@ -107,8 +107,7 @@ def read_shapes(
         raise UsageError(f"{', '.join(given)}: only for a mesh file ({known}); a scene holds these values itself")
     if path.suffix.lower() != ".toml":
         raise InputError(f"{path}: neither a scene (.toml) nor a mesh ({', '.join(SUFFIXES)})")
-    scene = Scene.load(path, plugins)
-    return populations(scene.with_settings(settings) if settings else scene)
+    return populations(Scene.load(path, plugins).with_settings(settings or {}))
 
 
 def population_statistics(population: Population) -> dict[str, Any]:

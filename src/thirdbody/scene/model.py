@@ -318,6 +318,8 @@ class Scene(Part):
         InputError
             With every fault.
         """
+        if not settings:
+            return self
         document, locations = apply_settings(self.document(), settings)
         kinds = self._kinds.including(type(debris) for debris in self.debris)
         # A setting can make a key of the file invalid, so every fault here is one of the settings.
