@@ -15,7 +15,7 @@ from thirdbody.trajectory.names import LOWER_PLATE, PLATES
 from thirdbody.trajectory.read_blocks import rows_of
 from thirdbody.trajectory.run_file import RunFile
 from thirdbody.trajectory.summary import NO_MAPS, maps_of_cycles
-from thirdbody.units import GLUE, prefix_for, quantity_text
+from thirdbody.units import prefix_for, with_unit
 
 if TYPE_CHECKING:
     import pyvista
@@ -183,6 +183,6 @@ def plate_map(run: RunFile, plate: str, name: str, frame: int | None, cycles: fl
         raise InputError(f"color: no map '{name}'; {nearest(name, run.map_units)}")
     if cycles is None:
         number = run.frame_number(-1 if frame is None else frame)
-        return run.maps(plate, number)[name], f"after {quantity_text(run.times[number], 's').replace(GLUE, ' ')}"
+        return run.maps(plate, number)[name], f"after {with_unit(run.times[number], 's')}"
     values = maps_of_cycles(run.drag, plate, cycles)[name]
     return values, f"{cycles:g} cycles by the rate of cycles 2 to {len(run.cycles['end_time'])}"

@@ -8,7 +8,7 @@ import numpy as np
 from thirdbody.trajectory.names import SIDES
 from thirdbody.trajectory.open_file import damage_as_fault
 from thirdbody.trajectory.run_arrays import RunArrays
-from thirdbody.units import GLUE, percent, quantity_text
+from thirdbody.units import GLUE, percent, with_unit
 
 SIZE_CLASSES, SMALLEST_CLASS = 4, 5
 """Number of size classes, equal in bodies, and the least number of bodies in one."""
@@ -33,7 +33,7 @@ def _size_classes(diameter: np.ndarray | None) -> list[tuple[str, str, np.ndarra
         return []
     edges = np.unique(np.quantile(diameter, np.linspace(0.0, 1.0, count + 1)))
     index = np.clip(np.searchsorted(edges, diameter, "right") - 1, 0, len(edges) - 2)
-    ends = [quantity_text(edge, "m", 2).replace(GLUE, " ") for edge in edges]
+    ends = [with_unit(edge, "m", 2) for edge in edges]
     return [(SIZE, f"{ends[k]} to {ends[k + 1]}", index == k) for k in range(len(edges) - 1) if (index == k).any()]
 
 
