@@ -187,7 +187,7 @@ def test_fields_reasons_and_counts_in_the_legend(layer):
 
 
 def test_numbers_with_units_and_colours():
-    for value, words in ((1.25e-5, "12.5 µm"), (9.9999e-7, "1 µm"), (0.0, "0 m"), (-2e-9, "\N{MINUS SIGN}2 nm"), (1500.0, "1.5 km")):
+    for value, words in ((1.25e-5, "12.5 µm"), (9.9999e-7, "1 µm"), (0.0, "0 m"), (-2e-9, "\u22122 nm"), (1500.0, "1.5 km")):
         assert with_unit(value, "m") == words
     # colours
     assert state_colors(["sliding", "free"]) == [STATE_COLORS["sliding"], STATE_COLORS["free"]]

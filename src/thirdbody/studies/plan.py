@@ -213,7 +213,7 @@ def estimate(plan: Plan, workers: int | None) -> dict[str, Any]:
 
 def print_estimate(plan: Plan, cost: Mapping[str, Any], json: bool) -> None:
     """Print the axes and the cost of a sweep."""
-    from thirdbody.report.tables import print_json, table
+    from thirdbody.report.tables import print_json, print_warnings, table
 
     values = {column.key: list(dict.fromkeys(column.values)) for column in plan.columns}
     if json:
@@ -233,5 +233,4 @@ def print_estimate(plan: Plan, cost: Mapping[str, Any], json: bool) -> None:
     print_line(
         f"disk: {file_size(cost['disk'])}; memory of a worker: about 0.3 GB, and {file_size(cost['memory_per_worker'])} for a run"
     )
-    for failure in cost["failures"]:
-        print_line(f"warning: {failure}", err=True)
+    print_warnings(cost["failures"])
