@@ -26,7 +26,7 @@ FINEST = 700  # largest number of points along the longer side of a mesh
 SHADE = 0.30  # fraction of black under a sphere
 # Colour of contacts on a rough plate, and the smallest radius at which they are drawn, over the mean radius of spheres.
 CONTACT, SMALLEST_CONTACT = "#1D1F23", 0.05
-DOTS = 100.0  # pixels per inch
+DOTS = 100  # pixels per inch
 DARK = 0.15  # part of the colour scale that is cut off where nothing lies, so that a faint trace stands out
 
 

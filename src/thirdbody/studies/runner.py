@@ -16,6 +16,7 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from thirdbody.errors import Interrupted, OutputError, ThirdbodyError
+from thirdbody.runner.progress import LINES
 from thirdbody.runner.run_folder import lock_folder, make_folder
 from thirdbody.studies.folder import Table, is_sweep_folder, save_plan
 from thirdbody.studies.plan import Plan
@@ -37,7 +38,6 @@ from thirdbody.system.terminal import print_line, progress_bar
 from thirdbody.units import duration
 
 POLL = 0.2  # interval [s] at which a wish to stop is noticed
-LINES = 10  # number of lines of the progress of a whole study where there is no terminal for a bar
 # Approximate number of points whose laws are compiled before workers start; a worker compiles what none of them has.
 EXAMINED = 200
 
