@@ -47,10 +47,7 @@ def page(run: RunFile, panels: Sequence[str] | None = None, frame: int = -1) -> 
         raise UsageError(f"panels = {panels!r}: must be a list of names")
     if not run.frames:
         raise InputError(f"{run.path}: nothing to plot: no frame was written yet")
-    try:
-        data = RunData(run, frame)
-    except IndexError as error:
-        raise InputError(str(error)) from None
+    data = RunData(run, frame)
     missing = {name: PANELS[name].missing(data) for name in NAMES}
     there = [name for name in NAMES if not missing[name]]
     series = {

@@ -65,11 +65,8 @@ def render(run_path: str | Path, output: str | Path, *, progress: bool | FilmRep
     with RunFile(run_path) as run:
         if chosen.plate is not None:
             return draw_plate_map(run, output, chosen)
-        try:
-            last = -1 if chosen.frame is None else chosen.frame
-            numbers = frame_numbers(chosen.frames, run.frames) if film else [run.frame_number(last)]
-        except IndexError as error:
-            raise InputError(str(error)) from error
+        last = -1 if chosen.frame is None else chosen.frame
+        numbers = frame_numbers(chosen.frames, run.frames) if film else [run.frame_number(last)]
         for number in numbers[:-1]:
             refuse_lost(run, number, run.bodies(number), run.spheres(number))
         # errors of a picture are raised here, not by the process that draws
