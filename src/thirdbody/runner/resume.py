@@ -63,7 +63,7 @@ def prepare_resume(
 
 
 def _scenes(
-    folder: Path, checkpoint: Checkpoint, settings: Mapping[str, Any], plugins: Iterable[str | Path] = ()
+    folder: Path, checkpoint: Checkpoint, settings: Mapping[str, Any], plugins: Iterable[str | Path]
 ) -> tuple[Scene, Scene]:
     path = folder / SCENE_FILE
     before = Scene.parse(checkpoint.scene, str(folder / CHECKPOINT), checkpoint.folder, plugins)

@@ -135,15 +135,9 @@ def make_copy(source: StudySource, target: float, few: bool, _stop: Callable[[],
     return Copy(portable(copy).to_toml(), base, words, other)
 
 
-def reduce_scene(
-    scene: Scene, plugins: Sequence[str | Path], maximum: float, built: Simulation | None = None
-) -> tuple[Scene, Simulation]:
-    """Return the scene, or a smaller copy that is integrated in `maximum` seconds, and its simulation, after a trial.
-
-    `built`: the simulation of the scene, if there is one.
-    """
+def reduce_scene(scene: Scene, plugins: Sequence[str | Path], maximum: float, built: Simulation) -> tuple[Scene, Simulation]:
+    """Return the scene, `built` its simulation, or a smaller copy that is integrated in `maximum` seconds, after a trial."""
     set_threads(1)
-    built = built or prepare(scene, plugins)
     if built.plan.estimated:  # a smaller copy might have another one
         scene = scene.with_settings({"solver.integrator": built.plan.kind})
     fewest, fraction = FEWEST_THAT_MEET if built.state.world.debris_meets else FEWEST, maximum / seconds_of(built)
