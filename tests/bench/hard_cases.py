@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 
 from thirdbody.engine.units import EXPLICIT, warm_up
 from thirdbody.palette import INK, LINE_COLORS, SOFT_INK
-from thirdbody.plot.summary_page import save
+from thirdbody.plot.figures import save
 from thirdbody.report.tables import table
 
 sys.path.insert(0, str(Path(__file__).parents[1]))

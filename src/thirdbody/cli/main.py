@@ -177,7 +177,6 @@ def plot(
     y: Annotated[str | None, typer.Option("--y", metavar="KEY", help="sweep: second axis, of curves or a map")] = None,
 ) -> None:
     """Draw the summary page of a run: friction, states, gap or load, energy, contacts; or curves and maps of a sweep."""
-    from thirdbody.plot.summary_page import plot as draw
     from thirdbody.studies.folder import is_sweep_folder
 
     if is_sweep_folder(run):
@@ -188,7 +187,11 @@ def plot(
         return
     if x or y:
         raise UsageError("--x and --y: axes of the picture of a sweep, and this is a run")
-    print_line(draw(run, out, panel, frame))
+    from thirdbody.api import Run
+
+    with Run(run) as opened:
+        opened.plot(out, panel, frame)
+    print_line(out)
 
 
 @app.command(cls=Command)

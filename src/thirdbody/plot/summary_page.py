@@ -3,7 +3,6 @@
 import io
 import textwrap
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,6 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from thirdbody.errors import InputError, UsageError
 from thirdbody.palette import INK, SOFT_INK
 from thirdbody.plot import NAMES, bed_panels, drag_panels
-from thirdbody.plot.figures import checked_path, save
 from thirdbody.plot.run_data import Panel, RunData
 from thirdbody.trajectory.run_file import RunFile
 from thirdbody.units import GLUE, MINUS, quantity_text
@@ -28,21 +26,12 @@ EDGE, MARGIN = 0.2, 0.3  # free space above and below, and to the left [inch]
 PANELS = {part.name: part for module in (drag_panels, bed_panels) for part in vars(module).values() if isinstance(part, Panel)}
 
 
-def plot(run_path: str | Path, out: str | Path, panels: Sequence[str] | None = None, frame: int = -1) -> Path:
-    """Write the page of a run, or the panels named, as .png, .pdf or .svg; return its path.
-
-    A panel is one of `NAMES`, or a series of the run. `frame` is the frame of the contacts. Raises UsageError for another suffix
-    or an unknown panel, InputError when the run, the frame or the data of a panel are missing, OutputError when no file can be
-    written (no partial file remains).
-    """
-    out = checked_path(out)
-    with RunFile(run_path) as run:
-        save(page(run, panels, frame), out)
-    return out
-
-
 def page(run: RunFile, panels: Sequence[str] | None = None, frame: int = -1) -> Figure:
-    """Return the page as a matplotlib figure: the panels named, or all that apply to the run. Raises like `plot`."""
+    """Return the page as a matplotlib figure: the panels named, or all that apply to the run.
+
+    A panel is one of `NAMES`, or a series of the run. `frame` is the frame of the contacts. Raises UsageError for an unknown
+    panel, InputError when the frame or the data of a panel are missing.
+    """
     if isinstance(panels, str):
         raise UsageError(f"panels = {panels!r}: must be a list of names")
     if not run.frames:
