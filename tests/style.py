@@ -133,7 +133,8 @@ laws bodies kernels.explicit
 kernels.implicit surfaces
 engine statics debris
 scene trajectory
-assembly render plot export plugin
+assembly plot export plugin
+render
 runner
 report
 studies

@@ -219,10 +219,8 @@ def exact_tangent(c, load, p, h, w):
     # without friction no spring holds, not even at rest
     if not (c.overlap > 0.0 and load.contact_radius > 0.0 and load.elastic > 0.0 and p.kappa * load.force > 0.0):
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    along_x, along_y = (
-        c.slip_x != 0.0,
-        c.slip_y != 0.0,
-    )  # in every planar problem slip and springs lie along one axis of the frame
+    # in every planar problem slip and springs lie along one axis of the frame
+    along_x, along_y = c.slip_x != 0.0, c.slip_y != 0.0
     for i in range(0, 3 * int(h[1]), 3):
         along_x, along_y = along_x or w[i + 1] != 0.0, along_y or w[i + 2] != 0.0
     if h[1] >= 0.0 and not (along_x and along_y):

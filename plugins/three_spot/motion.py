@@ -47,11 +47,8 @@ def anchor_change(observed: Array, m: Array) -> None:
 @helper
 def note_plates(observed: Array, m: Array) -> bool:
     """Return whether the plates stopped, started or reversed since the last observation."""
-    moving, x, y = (
-        1.0 if observed[observed_body.PLATE_SPEED] > 0.0 else 0.0,
-        observed[observed_body.DRAG],
-        observed[observed_body.DRAG + 1],
-    )
+    moving = 1.0 if observed[observed_body.PLATE_SPEED] > 0.0 else 0.0
+    x, y = observed[observed_body.DRAG], observed[observed_body.DRAG + 1]
     along = x * m[memory.PLATE_DIRECTION] + y * m[memory.PLATE_DIRECTION + 1]
     broke = moving != m[memory.PLATES_MOVING] or along < 0.0
     m[memory.PLATES_MOVING], m[memory.PLATE_DIRECTION], m[memory.PLATE_DIRECTION + 1] = moving, x, y

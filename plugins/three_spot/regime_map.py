@@ -36,7 +36,7 @@ LEVELS = (-4.0, -2.0, -1.0, -0.5, 0.0, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)  # of zeta
 N_2_RANGE = (0.02, 0.98)  # n_2: zeta_3 is infinite at 1
 ZETA_2 = (0.0, 4.0)
 MU = 1.0  # largest on the map, or the half width if that is more
-GRID = 401
+GRID, STATIONS = 401, 9  # points of curves and areas along an axis; values along an axis in JSON
 INK, PALE = "#222222", 0.55  # fraction of white in the areas, so that lines and text on them are legible
 
 
@@ -86,11 +86,11 @@ def _regime(result: Result) -> str | None:
     return "sticking" if result.stopped is not None or last.label == "rolling" or "open" in last.spots else None
 
 
-def map_numbers(big_h: float, half_width: float, count: int = 9) -> dict[str, Any]:
-    """Return the values of the map at `count` stations per axis, for JSON. zeta_3[zeta_2][n_2], and the limits of mu over
+def map_numbers(big_h: float, half_width: float) -> dict[str, Any]:
+    """Return the values of the map at `STATIONS` per axis, for JSON. zeta_3[zeta_2][n_2], and the limits of mu over
     x_1/h."""
-    n_2, zeta_2 = np.linspace(0.1, 0.9, count), np.linspace(*ZETA_2, count)
-    positions = np.linspace(*_position_range(half_width), count)
+    n_2, zeta_2 = np.linspace(0.1, 0.9, STATIONS), np.linspace(*ZETA_2, STATIONS)
+    positions = np.linspace(*_position_range(half_width), STATIONS)
     zeta_3 = third_spot_position(n_2, zeta_2[:, None], big_h)
     limits = zip(("t_min", "t_max", "mu_required"), _limits(positions, half_width).tolist(), strict=True)
     return {

@@ -26,11 +26,7 @@ def is_plain(value: int) -> int:
 
 # sides are bits: their sum is both
 NEITHER, BELOW, ABOVE, BOTH = (is_plain(side) for side in range(4))
-POINT, NORMAL, SURFACE = (
-    is_plain(loaded_contact.POINT),
-    is_plain(loaded_contact.NORMAL),
-    is_plain(loaded_contact.PARTNER_VELOCITY),
-)
+POINT, NORMAL, SURFACE = map(is_plain, (loaded_contact.POINT, loaded_contact.NORMAL, loaded_contact.PARTNER_VELOCITY))
 
 # one row; margins and extras in the order of the contract of labellers
 output = Table(

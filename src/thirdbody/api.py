@@ -100,7 +100,8 @@ class Run(RunFile):
         -------
         matplotlib.figure.Figure
         """
-        from thirdbody.plot.summary_page import checked_path, page, save
+        from thirdbody.plot.figures import checked_path, save
+        from thirdbody.plot.summary_page import page
 
         path = None if out is None else checked_path(out)
         figure = page(self, panels, frame)

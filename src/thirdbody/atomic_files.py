@@ -77,9 +77,8 @@ def _beside(path: Path, suffix: str) -> Path:
 
 
 def write_output(path: Path, content: bytes) -> None:
-    """Write a file atomically, and make its folder. Raises OutputError when it cannot be written."""
+    """Write a file atomically. Raises OutputError when it cannot be written."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, content)
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error

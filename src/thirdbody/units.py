@@ -296,6 +296,11 @@ def quantity_text(value: float, unit: str, digits: int = 3) -> str:
     return f"{number}{GLUE}{prefix}{unit}".strip().replace("-", MINUS)
 
 
+def with_unit(value: float, unit: str, digits: int = 3) -> str:
+    """Format a quantity like `quantity_text`, with a plain blank: 1.25e-05, "m" -> "12.5 µm"."""
+    return quantity_text(value, unit, digits).replace(GLUE, " ")
+
+
 def with_error(value: float, error: float) -> str:
     """Format a pure number with its error, to two digits of the error; three decimals without one."""
     if not math.isfinite(error):
@@ -317,16 +322,6 @@ def _prefix(size: float) -> tuple[float, str]:
     if size == 0.0:
         return 1.0, ""
     return next((entry for entry in PREFIXES if size >= entry[0] * (1.0 - 1e-12)), PREFIXES[-1])
-
-
-def with_unit(value: float, unit: str) -> str:
-    """Format a number with three figures and an SI prefix: 1.25e-05, "m" -> "12.5 µm"."""
-    value = float(value)
-    if value == 0.0 or not math.isfinite(value):
-        return f"{value:g} {unit}"
-    rounded = float(f"{value:.2e}")
-    factor, written = prefix_for(rounded, unit)
-    return f"{rounded * factor:.3g} {written}"
 
 
 def prefix_for(size: float, unit: str) -> tuple[float, str]:

@@ -14,8 +14,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from thirdbody.engine.units import EXPLICIT, warm_up
-from thirdbody.palette import LINE_COLORS
-from thirdbody.plot.summary_page import save
+from thirdbody.palette import INK, LINE_COLORS, SOFT_INK
+from thirdbody.plot.figures import save
 from thirdbody.report.tables import table
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -27,7 +27,7 @@ LEVELS = {  # colour and marker, distinguishable without colours too
     "mdr": (LINE_COLORS["green"], "^"),
     "exact": (LINE_COLORS["purple"], "D"),
 }
-INK, SOFT, BROKEN = "#222222", "#5A626C", LINE_COLORS["vermilion"]
+BROKEN = LINE_COLORS["vermilion"]
 NOTHING = 1e-16  # smaller residuals are drawn at this value: free rotation has none
 TICKS = (1, 1.5, 2, 3, 5, 7, 10, 15)
 
@@ -65,8 +65,8 @@ def picture(rows: Sequence[Row]) -> Figure:
     _draw_steps(step, rows, cases)
     levels = [(level, *style) for level, style in LEVELS.items() if level in {row.level for row in rows}]
     marks = [Line2D([], [], color=c, marker=m, linestyle="", markersize=5, label=level) for level, c, m in levels]
-    for label, face in (("explicit", SOFT), ("implicit", "white")):
-        marks.append(Line2D([], [], color=SOFT, marker="o", markerfacecolor=face, linestyle="", markersize=5, label=label))
+    for label, face in (("explicit", SOFT_INK), ("implicit", "white")):
+        marks.append(Line2D([], [], color=SOFT_INK, marker="o", markerfacecolor=face, linestyle="", markersize=5, label=label))
     if any(row.faults for row in rows):
         marks.append(Line2D([], [], color=BROKEN, marker="x", linestyle="", markersize=7, markeredgewidth=1.6, label="fails"))
     figure.legend(handles=marks, loc="outside upper center", ncols=len(marks), fontsize=8, frameon=False, handletextpad=0.2,
@@ -106,7 +106,7 @@ def _draw_steps(axes: Axes, rows: Sequence[Row], cases: list[str]) -> None:
         axes.plot(max(row.factor, 1.0), y, marker, color=color, markersize=4.5, zorder=3)
     for k, case in enumerate(cases):
         if all(row.factor is None for row in rows if row.case == case):
-            axes.annotate("no limit sought", (1.03, k), fontsize=7.5, color=SOFT, va="center")
+            axes.annotate("no limit sought", (1.03, k), fontsize=7.5, color=SOFT_INK, va="center")
     axes.set_xlim(0.95, 17.0)
     axes.set_xlabel("largest stable step over the automatic one", fontsize=8.5)
     axes.set_xticks(TICKS, [f"{tick:g}" for tick in TICKS])

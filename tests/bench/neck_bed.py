@@ -24,7 +24,7 @@ from thirdbody.bodies.clump import clump
 from thirdbody.engine.explicit import Explicit
 from thirdbody.engine.placed import Placed
 from thirdbody.engine.state import World, assemble
-from thirdbody.engine.upper_plate import Schedule, Segment, UpperPlate
+from thirdbody.engine.upper_plate import PatchedPlate, Schedule, Segment
 from thirdbody.kernels.schedule import POLYNOMIAL
 from thirdbody.kernels.tables import record, run_totals
 from thirdbody.laws.registry import discover
@@ -84,7 +84,7 @@ def ours(start: Mapping[str, Any], effect: str, step: float = STEP) -> dict[str,
     choice.set_parameters("explicit")
     n, one = len(start["x"]), np.ones(1)
     x, gap = (Segment(0.0, POLYNOMIAL, 0.0, SPEED),), (Segment(0.0, POLYNOMIAL, float(start["gap"])),)
-    plate = UpperPlate(1, one * gap[0].a, one, 0.0 * one, 0.0 * one, False, np.zeros(n, np.int64), Schedule(x=x, gap=gap))
+    plate = PatchedPlate(1, one * gap[0].a, one, 0.0 * one, 0.0 * one, False, np.zeros(n, np.int64), Schedule(x=x, gap=gap))
     size = float(start["size"][0]), float(start["size"][1])
     zeros, still = np.zeros(n, np.int64), np.zeros((n, 3))
     ball, upright = clump([[0.0, 0.0, 0.0]], [RADIUS]), np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from portable import PATIENCE
 import thirdbody
+from thirdbody import atomic_files
 from thirdbody.cli import main, starter_files
 from thirdbody.cli.command_group import REMOVED_COMMANDS, REMOVED_OPTIONS
 from thirdbody.errors import ThirdbodyWarning
@@ -237,7 +238,7 @@ def test_a_file_that_a_scene_needs_is_copied_once_whole_or_not_at_all_and_never_
             raise OSError(28, "No space left on device")
         path.write_bytes(content)
 
-    monkeypatch.setattr(starter_files, "write_whole", full)
+    monkeypatch.setattr(atomic_files, "write_whole", full)
     (tmp_path / "full").mkdir()
     with pytest.raises(starter_files.OutputError, match="debris_particle.stl: cannot be written .No space left"):
         starter_files.copy_scene("scanned_debris", tmp_path / "full" / "x.toml")

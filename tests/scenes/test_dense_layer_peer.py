@@ -16,7 +16,7 @@ from thirdbody.bodies.clump import Clump
 from thirdbody.engine.explicit import Explicit
 from thirdbody.engine.placed import Placed
 from thirdbody.engine.state import World, assemble
-from thirdbody.engine.upper_plate import Schedule, Segment, UpperPlate
+from thirdbody.engine.upper_plate import PatchedPlate, Schedule, Segment
 from thirdbody.kernels import schedule
 from thirdbody.kernels.tables import body, run_totals
 from thirdbody.laws.contract import LawFamily, Plugin
@@ -80,7 +80,7 @@ def shear(layer, level, time_step):
     x = (Segment(0.0, schedule.POLYNOMIAL, 0.0, LAMMPS["speed"]),)
     gap = (Segment(0.0, schedule.POLYNOMIAL, float(layer["H"]) * LENGTH),)
     heights = one * gap[0].a
-    plate = UpperPlate(1, heights, one, 0.0 * one, 0.0 * one, False, np.zeros(n, np.int64), Schedule(x=x, gap=gap))
+    plate = PatchedPlate(1, heights, one, 0.0 * one, 0.0 * one, False, np.zeros(n, np.int64), Schedule(x=x, gap=gap))
     l_x, l_y = (float(length) * LENGTH for length in layer["L"])
     state = assemble(placed(layer), World((l_x, l_y), True, False, 1, plate, True), choice.physics, 0.9e-6)
     run = Explicit(state, list(choice.materials), time_step)

@@ -12,7 +12,7 @@ from thirdbody.errors import InputError, MissingLibrary, OutputError, UsageError
 from thirdbody.palette import STATE_COLORS
 from thirdbody.plot.drag_panels import ledger, loop_area, stretches
 from thirdbody.plot.run_data import RunData
-from thirdbody.plot.summary_page import NAMES, page, plot
+from thirdbody.plot.summary_page import NAMES, page
 from thirdbody.render import render as render_module
 from thirdbody.trajectory.friction import mean_and_error, running_mean
 from thirdbody.trajectory.names import Frame
@@ -332,15 +332,15 @@ def test_panels_without_data_are_left_out(tmp_path):
 
 
 @pytest.mark.filterwarnings("error")
-def test_the_suffix_is_the_format_and_equal_pages_are_equal_files(folder, tmp_path):
+def test_the_suffix_is_the_format_and_equal_pages_are_equal_files(run, tmp_path):
     for name, start in (("a.PNG", b"\x89PNG"), ("b.pdf", b"%PDF"), ("c.svg", b"<?xml")):
-        plot(folder, tmp_path / name, ["gap"])
+        run.plot(tmp_path / name, ["gap"])
         data = (tmp_path / name).read_bytes()
         assert data.startswith(start) and len(data) > 5_000, name
         if name != "a.PNG":
             assert b"<image" not in data and b"/Subtype /Image" not in data  # lines stay lines
         if name != "b.pdf":
-            plot(folder, tmp_path / f"again_{name}", ["gap"])
+            run.plot(tmp_path / f"again_{name}", ["gap"])
             assert (tmp_path / f"again_{name}").read_bytes() == data, name
 
 
@@ -358,13 +358,13 @@ def test_the_command_and_python_write_what_they_name(command, run, folder, tmp_p
         run.plot("x.gif")
 
 
-def test_what_cannot_be_drawn_is_reported_in_one_line(command, folder, tmp_path):
+def test_what_cannot_be_drawn_is_reported_in_one_line(command, run, folder, tmp_path):
     code, out, err = command("plot", "run", "-o", "x.gif")
     assert code == 2 and "x.gif: a picture ends in .png, .pdf, .svg" in err and len(err.splitlines()) == 1 and not out
     assert os.listdir(tmp_path) == ["run"]
     (tmp_path / "x.png").mkdir()
     with pytest.raises(OutputError, match="x.png: cannot be written"):
-        plot(folder, tmp_path / "x.png", ["gap"])
+        run.plot(tmp_path / "x.png", ["gap"])
     assert sorted(os.listdir(tmp_path)) == ["run", "x.png"]
 
 

@@ -75,8 +75,9 @@ def test_frames_are_whole_numbers_also_from_the_end(run):
     np.testing.assert_array_equal(run.bodies(-2)["quaternion"], run.bodies(3)["quaternion"])
     np.testing.assert_array_equal(run.bodies()["quaternion"], run.bodies(4)["quaternion"])
     for outside in (5, -6):
-        with pytest.raises(IndexError, match="from -5 to 4"):
+        with pytest.raises(IndexError, match="from -5 to 4") as missing:
             run.contacts(outside)
+        assert isinstance(missing.value, InputError)  # a command answers with one line and exit code 3
     for frame in (1.5, "1", None):
         with pytest.raises(TypeError, match="a frame is a whole number, not"):
             run.bodies(frame)

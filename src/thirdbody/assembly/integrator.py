@@ -15,7 +15,7 @@ from thirdbody.engine.accuracy import Accuracy
 from thirdbody.engine.islands import LARGEST, ExpectedIslands, expected_islands
 from thirdbody.engine.state import RAYLEIGH_FRACTION, STABILITY_FRACTION, State, rayleigh_times
 from thirdbody.engine.units import EXPLICIT
-from thirdbody.engine.upper_plate import Schedule, UpperPlate
+from thirdbody.engine.upper_plate import PatchedPlate, Schedule
 from thirdbody.errors import InputError
 from thirdbody.kernels import schedule as motion
 from thirdbody.scene.model import Scene
@@ -256,7 +256,7 @@ def expected_steps(scene: Scene, choice: CompiledPhysics, state: State, upper: U
     return Steps(state.n_bodies * explicit, state.n_bodies * islands.mean * implicit)
 
 
-def _pressed_step(choice: CompiledPhysics, state: State, plate: UpperPlate) -> float:
+def _pressed_step(choice: CompiledPhysics, state: State, plate: PatchedPlate) -> float:
     """Return the longest explicit step [s] of the bodies with the stiffest contacts for their mass, one of each material."""
     radius, mass = np.minimum.reduceat(state.spheres.radius, state.start[:-1]), state.bodies.mass
     members = [np.flatnonzero(state.material == material) for material in np.unique(state.material)]

@@ -10,7 +10,7 @@ import numpy as np
 
 from thirdbody.assembly.option_values import effect_values, option_values, pair_value_faults
 from thirdbody.assembly.schedule import chosen_memory
-from thirdbody.engine.state import Measures, Physics
+from thirdbody.engine.state import CompiledMeasures, Physics
 from thirdbody.errors import PLUGIN_FILE, Fault, InputError, UsageError, nearest, short
 from thirdbody.laws.compose import Chain, compose, compose_effects, compose_labeller
 from thirdbody.laws.contract import BodyEffect, Labeller, Law, LawFamily, Material, Pair, SpotInteraction
@@ -288,7 +288,7 @@ def _cells(scene: Scene) -> tuple[int, int]:
     return (0, 0) if cell is None else (max(1, round(l_x / cell)), max(1, round(l_y / cell)))
 
 
-def _compiled_measures(scene: Scene, measures: Sequence[Measure], values: Values, pairs: Sequence[Pair]) -> Measures:
+def _compiled_measures(scene: Scene, measures: Sequence[Measure], values: Values, pairs: Sequence[Pair]) -> CompiledMeasures:
     try:
         layout = layout_of(measures)
     except ValueError as problem:
@@ -298,7 +298,7 @@ def _compiled_measures(scene: Scene, measures: Sequence[Measure], values: Values
     except Exception as problem:
         raise _not_compiled(measures, problem) from problem
     rows = [[x for measure in measures for x in _mixed(measure, pair, values[measure.name])] for pair in pairs]
-    return Measures(function, np.array(rows, float).ravel(), layout, _cells(scene))
+    return CompiledMeasures(function, np.array(rows, float).ravel(), layout, _cells(scene))
 
 
 def _interaction_table(

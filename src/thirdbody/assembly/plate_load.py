@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from thirdbody import units
 from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.engine.guards import OVERLAP_GUARD
-from thirdbody.engine.upper_plate import DirectContact
+from thirdbody.engine.upper_plate import GapLaw
 from thirdbody.errors import InputError
 from thirdbody.laws.hertz import e_star, yield_limit
 from thirdbody.scene.model import Scene
@@ -114,7 +114,7 @@ def limit_words(material: str, pressure: float, strength: float, assumed: bool) 
     return f"first yield of {material} at {pretty(pressure, 'pressure')} (yield strength {shown}, {source})"
 
 
-def direct_contact(scene: Scene, choice: CompiledPhysics, surfaces: Mapping[str, Surface]) -> DirectContact | None:
+def direct_contact(scene: Scene, choice: CompiledPhysics, surfaces: Mapping[str, Surface]) -> GapLaw | None:
     """Return the direct contact of the plates, None without. Raises InputError where nothing gives its parameters."""
     given, upper, lower = scene.plates.contact, scene.plates.upper, scene.plates.lower
     if given is None:
@@ -131,10 +131,10 @@ def direct_contact(scene: Scene, choice: CompiledPhysics, surfaces: Mapping[str,
     materials = dict(zip(scene.materials, choice.materials, strict=True))
     modulus = e_star(materials[lower.material], materials[upper.material])
     area = scene.domain.size[0] * scene.domain.size[1]
-    return DirectContact(beta * modulus * area, length, given.friction)
+    return GapLaw(beta * modulus * area, length, given.friction)
 
 
-def narrow_gap_warning(direct: DirectContact | None, gap: float) -> list[str]:
+def narrow_gap_warning(direct: GapLaw | None, gap: float) -> list[str]:
     """Return a warning where the mean gap [m] under the largest load is below u0: the law holds for small contact areas."""
     if direct is None or gap >= direct.length:
         return []

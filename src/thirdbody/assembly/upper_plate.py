@@ -14,7 +14,7 @@ from thirdbody.assembly.plate_load import Pressing, direct_contact, narrow_gap_w
 from thirdbody.assembly.populate import plate_heights, sphere_centres
 from thirdbody.assembly.schedule import first_load, schedule
 from thirdbody.engine.placed import Placed
-from thirdbody.engine.upper_plate import DirectContact, Foundation, UpperPlate
+from thirdbody.engine.upper_plate import Foundation, GapLaw, PatchedPlate
 from thirdbody.errors import InputError
 from thirdbody.kernels.tables import ONLY_LOWER
 from thirdbody.scene.model import Scene
@@ -44,7 +44,7 @@ class Upper:
     with the load on all bodies that carry it initially.
     """
 
-    plate: UpperPlate | None
+    plate: PatchedPlate | None
     settle: float = 0.0
     overlap: float = 0.0
     loaded: int = 0
@@ -87,7 +87,7 @@ class _Layer:
         self.top, self.radius = heights[highest], radii[highest]
         self.kind = choice.physics.kinds[placed.materials, self.material]
         self.mass = placed.densities * np.array([clump.volume for clump in placed.clumps])
-        self.direct: DirectContact | None = direct_contact(scene, choice, surfaces)
+        self.direct: GapLaw | None = direct_contact(scene, choice, surfaces)
         self.load = first_load(scene)
         self.largest = max(schedule(scene, 0.0).largest_load(), 1.0)  # load of the run over the first one
 
@@ -108,7 +108,7 @@ class _Layer:
             )
         settle = 0.0 if isinstance(scene.solver.settle, str) else scene.solver.settle
         patch, zero = np.zeros(len(self.top), np.int64), np.zeros(1)
-        plate = UpperPlate(self.material, np.array([gap]), np.ones(1), zero, zero, False, patch, schedule(scene, settle))
+        plate = PatchedPlate(self.material, np.array([gap]), np.ones(1), zero, zero, False, patch, schedule(scene, settle))
         return Upper(plate, settle)
 
     def each_loaded(self) -> Upper:
@@ -122,7 +122,7 @@ class _Layer:
         settle = self._settle(mass, dashpot, load)
         self._warn_dashpot(settle, dashpot)
         heights = self.top + CLEARANCE * self.radius
-        plate = UpperPlate(self.material, heights, mass, dashpot, loads, True, np.arange(n), schedule(self.scene, settle))
+        plate = PatchedPlate(self.material, heights, mass, dashpot, loads, True, np.arange(n), schedule(self.scene, settle))
         max_overlap = float(np.max(overlap / self.radius))
         return Upper(plate, settle, max_overlap, n, max_overlap)
 
@@ -157,7 +157,7 @@ class _Layer:
             )
         self._warn_dashpot(settle, dashpot)
         patch, motion = np.zeros(n, np.int64), schedule(self.scene, settle)
-        plate = UpperPlate(self.material, height, mass, dashpot, loads, True, patch, motion, direct=direct)
+        plate = PatchedPlate(self.material, height, mass, dashpot, loads, True, patch, motion, direct=direct)
         shared_overlap = float(np.max(common / pressing.radius))
         return Upper(plate, settle, float(overlap[0] / self.radius[tallest[0]]), loaded, shared_overlap)
 
@@ -190,7 +190,7 @@ class _Layer:
             settle = max(settle, RELAXED * float(dashpot[0]) / stiffness)
         heights, motion = np.maximum(height, self.top) + CLEARANCE * self.radius, schedule(self.scene, settle)
         loads, dashpots = np.full(n, preload), np.full(n, dashpot[0])
-        plate = UpperPlate(self.material, heights, mass, dashpots, loads, True, np.arange(n), motion, common, direct)
+        plate = PatchedPlate(self.material, heights, mass, dashpots, loads, True, np.arange(n), motion, common, direct)
         max_overlap = float(overlap[0] / self.radius[largest[0]])
         return Upper(plate, settle, max_overlap, len(on), max_overlap)
 

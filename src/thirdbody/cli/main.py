@@ -89,16 +89,13 @@ def run(
 ) -> None:
     """Run a scene and write its trajectory, labels and series."""
     times = _wall_times(execution)
-    from thirdbody.report.tables import print_warnings
     from thirdbody.runner.run_folder import refuse_existing
-    from thirdbody.runner.simulate import check_threads, default_folder, prepare
+    from thirdbody.runner.simulate import default_folder, prepare
 
     loaded = _load(scene, settings, plugin)
     folder = out or default_folder(loaded)
     refuse_existing(folder, overwrite)
-    notes = check_threads(execution.threads)
     built = prepare(loaded, plugin or (), force)
-    print_warnings([*notes, *built.warnings])
     _execute(built, folder, execution, overwrite=overwrite, times=times)
 
 
@@ -112,14 +109,10 @@ def resume(
     execution: Execution,
 ) -> None:
     """Continue a run that was interrupted or killed, or extend a finished one with --set solver.distance=... ."""
-    from thirdbody.report.tables import print_warnings
     from thirdbody.runner.resume import prepare_resume
-    from thirdbody.runner.simulate import check_threads
 
     times = _wall_times(execution)
-    notes = check_threads(execution.threads)
     built, saved = prepare_resume(run, override_pairs(settings), plugin or ())
-    print_warnings([*notes, *built.warnings])
     _execute(built, run, execution, checkpoint=saved, times=times)
 
 
@@ -184,7 +177,6 @@ def plot(
     y: Annotated[str | None, typer.Option("--y", metavar="KEY", help="sweep: second axis, of curves or a map")] = None,
 ) -> None:
     """Draw the summary page of a run: friction, states, gap or load, energy, contacts; or curves and maps of a sweep."""
-    from thirdbody.plot.summary_page import plot as draw
     from thirdbody.studies.folder import is_sweep_folder
 
     if is_sweep_folder(run):
@@ -195,7 +187,11 @@ def plot(
         return
     if x or y:
         raise UsageError("--x and --y: axes of the picture of a sweep, and this is a run")
-    print_line(draw(run, out, panel, frame))
+    from thirdbody.api import Run
+
+    with Run(run) as opened:
+        opened.plot(out, panel, frame)
+    print_line(out)
 
 
 @app.command(cls=Command)
@@ -300,10 +296,11 @@ def _wall_times(execution: Execution) -> Any:
 
 
 def _execute(built: Any, folder: Path, execution: Execution, **options: Any) -> None:
-    from thirdbody.report.tables import run_report
+    from thirdbody.report.tables import print_warnings, run_report
     from thirdbody.runner.progress import reporting
-    from thirdbody.runner.simulate import execute
+    from thirdbody.runner.simulate import check_threads, execute
 
+    print_warnings([*check_threads(execution.threads), *built.warnings])
     problem: GuardStop | Interrupted | None = None
     with stop_on_signal() as stop:
         try:
@@ -320,8 +317,7 @@ def _execute(built: Any, folder: Path, execution: Execution, **options: Any) -> 
 def _load(path: Path, settings: list[str] | None, plugins: list[Path] | None) -> Any:
     from thirdbody.scene.model import Scene
 
-    scene = Scene.load(path, plugins or ())
-    return scene.with_settings(override_pairs(settings)) if settings else scene
+    return Scene.load(path, plugins or ()).with_settings(override_pairs(settings))
 
 
 def main() -> None:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from thirdbody.atomic_files import write_whole
+from thirdbody.atomic_files import write_output
 from thirdbody.errors import MissingLibrary, OutputError, UsageError, nearest
 from thirdbody.system.terminal import print_line
 
@@ -99,12 +99,12 @@ def write_new(files: dict[Path, bytes]) -> list[Path]:
     written: list[Path] = []
     try:
         for path in missing:
-            write_whole(path, files[path])
+            write_output(path, files[path])
             written.append(path)
-    except OSError as error:
+    except OutputError:
         for done in written:
             done.unlink(missing_ok=True)
-        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
+        raise
     return written
 
 

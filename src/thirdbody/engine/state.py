@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from thirdbody.engine.candidates import AllRows, Array, Candidates, Ints, empty_slots
 from thirdbody.engine.placed import Placed
-from thirdbody.engine.upper_plate import Schedule, UpperPlate
+from thirdbody.engine.upper_plate import PatchedPlate, Schedule
 from thirdbody.jit.arguments import address
 from thirdbody.kernels import bodies as body_pass
 from thirdbody.kernels import tables
@@ -55,7 +55,7 @@ class World:
     periodic: bool
     bounded: bool
     lower: int | None
-    upper: UpperPlate | None
+    upper: PatchedPlate | None
     debris_meets: bool
     lower_surface: Array | None = None  # heights (`kernels.height_field.pack_field`); None: flat
     upper_surface: Array | None = None
@@ -71,7 +71,7 @@ class World:
 
 
 @dataclass(frozen=True)
-class Measures:
+class CompiledMeasures:
     """Measures of a scene: compiled function, parameters (a row per pair), where numbers are kept, cells of the maps along x and
     y."""
 
@@ -107,7 +107,7 @@ class Physics(Chain):
     stride: int
     labels: bool
     outputs: int
-    measures: Measures | None = None
+    measures: CompiledMeasures | None = None
     pull_off: Callable[[Ints, Array], Array] | None = None
 
     @cached_property

@@ -282,7 +282,7 @@ def _top_rate(axis: Axis) -> float:
 
 
 @dataclass(frozen=True)
-class DirectContact:
+class GapLaw:
     """Force at zero gap [N], length u_0 over which it falls by a factor e [m], friction coefficient."""
 
     prefactor: float
@@ -309,7 +309,7 @@ class Foundation:
 
 
 @dataclass(frozen=True)
-class UpperPlate:
+class PatchedPlate:
     """Upper plate: patches (one if it is rigid, otherwise one per body), which follow the schedule's gap unless `free`."""
 
     material: int
@@ -321,7 +321,7 @@ class UpperPlate:
     patch: Ints
     schedule: Schedule = field(default_factory=Schedule)
     foundation: Foundation | None = None
-    direct: DirectContact | None = None
+    direct: GapLaw | None = None
 
     def table(self) -> Array:
         P = np.zeros((len(self.heights) + (self.foundation is not None), patch.WIDTH))

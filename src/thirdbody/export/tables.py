@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from thirdbody.atomic_files import new_folder, refuse_existing_folder
-from thirdbody.errors import InputError, UsageError, printable
+from thirdbody.errors import UsageError, printable
 from thirdbody.export.vtk import PVD_PATTERNS, export_pvd
 from thirdbody.trajectory.columns import TABLES, Column, table_parts, tables_of
 from thirdbody.trajectory.run_file import RunFile
@@ -70,10 +70,7 @@ def export_run(
     if csv is pvd is None:
         raise UsageError("export: say what to write", python=": csv=... or pvd=...", command=": --csv DIR, --pvd DIR")
     with RunFile(path) as run:
-        try:
-            run.frame_number(-1 if frame is None else frame)
-        except IndexError as error:
-            raise InputError(str(error)) from None
+        run.frame_number(-1 if frame is None else frame)
         for folder, ours in ((csv, CSV_FILES), (pvd, PVD_PATTERNS)):
             if folder is not None:
                 refuse_existing_folder(folder, overwrite, ours)

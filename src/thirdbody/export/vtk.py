@@ -17,6 +17,7 @@ import numpy as np
 
 from thirdbody.atomic_files import new_folder
 from thirdbody.export.paraview import SCRIPT_NAME, write_script
+from thirdbody.system.processes import optional
 from thirdbody.trajectory.names import ARRAY_UNITS, BLOCKS, PLATES, POSITION
 from thirdbody.trajectory.run_arrays import RunArrays
 
@@ -107,15 +108,11 @@ def _add(attributes: Any, arrays: dict[str, np.ndarray]) -> None:
 
 def multiblock(run: RunArrays, frame: int) -> pyvista.MultiBlock:
     """Return the blocks of one frame with their units. Raises IndexError for a frame outside the run, ImportError."""
-    try:
-        import pyvista
-    except ImportError as error:
-        raise ImportError("to_pyvista() needs pyvista: pip install pyvista") from error
-
+    pyvista: Any = optional("pyvista", "to_pyvista()")
     number, units, blocks = run.frame_number(frame), ARRAY_UNITS | {POSITION: "m"}, pyvista.MultiBlock()
     for name in BLOCKS:
         arrays = run.block(name, number)
-        block: Any = pyvista.wrap(_polydata(arrays, name))
+        block = pyvista.wrap(_polydata(arrays, name))
         for key in arrays:
             unit = units.get(key) or run.header["units"].get(key, "1")
             block.field_data[f"{key}_units"] = [unit.replace("·", " ")]  # VTK accepts ASCII only
@@ -129,7 +126,7 @@ def multiblock(run: RunArrays, frame: int) -> pyvista.MultiBlock:
         grid.field_data["height_units"] = ["m"]
         blocks[f"{side}_surface"] = grid
     for name in BLOCKS_OF_MAPS if run.map_units else ():
-        image: Any = pyvista.wrap(_image(run, name, number))
+        image = pyvista.wrap(_image(run, name, number))
         for key, unit in run.map_units.items():
             image.field_data[f"{key}_units"] = [unit]
         blocks[name] = image

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
+from thirdbody.palette import INK
 from thirdbody.palette import LINE_COLORS as LINES
 from thirdbody.plot.run_data import PERCENT, Panel, RunData, draw_lines, label_axis, no_labels
 from thirdbody.trajectory.friction import force_on_plate, running_mean
@@ -123,7 +124,7 @@ def _draw_loop(axes: Axes, data: RunData) -> str:
             axes.fill(x[known], y[known], color=color, alpha=0.12, linewidth=0.0, label=f"{name}its area")
             axes.plot(x, y, color=color, linewidth=1.8, label=f"{name}last whole cycle")
     _draw_pairs(axes, data, (1.0, -1.0))
-    axes.axhline(0.0, color="#222222", linewidth=0.6)
+    axes.axhline(0.0, color=INK, linewidth=0.6)
     axes.set(xlabel=f"displacement of the upper plate ({unit})", ylabel=MU)
     area, work = loop_area(data), data.run.friction.energy_per_cycle
     if not np.isfinite(area):

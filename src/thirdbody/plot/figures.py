@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from thirdbody.atomic_files import write_whole
+from thirdbody.atomic_files import write_output
 from thirdbody.errors import OutputError, UsageError
 
 if TYPE_CHECKING:
@@ -28,6 +28,11 @@ def checked_path(path: str | Path) -> Path:
     """Return the path of a picture to write. Raises UsageError for another suffix, OutputError without its folder."""
     path = Path(path)
     check_format(path)
+    return writable(path)
+
+
+def writable(path: Path) -> Path:
+    """Return the path of a file to write. Raises OutputError without its folder."""
     if not os.path.isdir(path.absolute().parent):
         raise OutputError(f"{path}: cannot be written (the folder {path.parent} does not exist)")
     try:
@@ -48,10 +53,7 @@ def save(figure: "Figure", path: Path, dots: int = DOTS) -> None:
     metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)
     with rc_context({"svg.hashsalt": "thirdbody", "pdf.fonttype": 42}), _one_warning_of_letters(path):
         figure.savefig(content, format=kind, dpi=dots, metadata=metadata)
-    try:
-        write_whole(path, content.getvalue())
-    except OSError as problem:
-        raise OutputError(f"{path}: cannot be written ({problem.strerror or problem})") from problem
+    write_output(path, content.getvalue())
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from thirdbody.errors import InputError
-from thirdbody.palette import STATE_COLORS, rgb
+from thirdbody.palette import INK, STATE_COLORS, rgb
 from thirdbody.plot.figures import check_format, save
 
 if TYPE_CHECKING:
@@ -20,7 +20,6 @@ BAND = 0.02  # relative distance of mu from t_min and t_max within which the ans
 FARTHEST, NEVER = 10.0, -28.0
 MARKERS = {"rolling": ("o", 17.0), "sliding": ("D", 13.0), "sticking": ("s", 14.0)}  # sign of each motion and its size
 FACTS = {"rolling": "was rolling", "sliding": "never rolled: slid", "sticking": "never rolled: stuck"}
-INK = "#222222"
 # Of the figure [inch]: width, least height of one row, height of everything except the rows.
 WIDTH, ROW, MARGIN_HEIGHT = 5.4, 0.4, 2.1
 TALLEST = 3.2  # height of all rows [inch] up to which crowded rows grow so that their points stay distinguishable

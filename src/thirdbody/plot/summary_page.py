@@ -3,7 +3,6 @@
 import io
 import textwrap
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,13 +11,12 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from thirdbody.errors import InputError, UsageError
+from thirdbody.palette import INK, SOFT_INK
 from thirdbody.plot import NAMES, bed_panels, drag_panels
-from thirdbody.plot.figures import checked_path, save
 from thirdbody.plot.run_data import Panel, RunData
 from thirdbody.trajectory.run_file import RunFile
 from thirdbody.units import GLUE, MINUS, quantity_text
 
-INK, SOFT = "#222222", "#5A626C"
 WIDTH = 8.27  # width of the page [inch]: A4
 TITLE_LINE, LINE, NOTE_LINE = 0.27, 0.17, 0.125  # heights of lines of text: title, headline, notes [inch]
 LETTERS_OF_TITLE, LETTERS, LETTERS_OF_NOTE = 62, 116, 145  # largest number of letters in such a line, by the width of the page
@@ -28,29 +26,17 @@ EDGE, MARGIN = 0.2, 0.3  # free space above and below, and to the left [inch]
 PANELS = {part.name: part for module in (drag_panels, bed_panels) for part in vars(module).values() if isinstance(part, Panel)}
 
 
-def plot(run_path: str | Path, out: str | Path, panels: Sequence[str] | None = None, frame: int = -1) -> Path:
-    """Write the page of a run, or the panels named, as .png, .pdf or .svg; return its path.
-
-    A panel is one of `NAMES`, or a series of the run. `frame` is the frame of the contacts. Raises UsageError for another suffix
-    or an unknown panel, InputError when the run, the frame or the data of a panel are missing, OutputError when no file can be
-    written (no partial file remains).
-    """
-    out = checked_path(out)
-    with RunFile(run_path) as run:
-        save(page(run, panels, frame), out)
-    return out
-
-
 def page(run: RunFile, panels: Sequence[str] | None = None, frame: int = -1) -> Figure:
-    """Return the page as a matplotlib figure: the panels named, or all that apply to the run. Raises like `plot`."""
+    """Return the page as a matplotlib figure: the panels named, or all that apply to the run.
+
+    A panel is one of `NAMES`, or a series of the run. `frame` is the frame of the contacts. Raises UsageError for an unknown
+    panel, InputError when the frame or the data of a panel are missing.
+    """
     if isinstance(panels, str):
         raise UsageError(f"panels = {panels!r}: must be a list of names")
     if not run.frames:
         raise InputError(f"{run.path}: nothing to plot: no frame was written yet")
-    try:
-        data = RunData(run, frame)
-    except IndexError as error:
-        raise InputError(str(error)) from None
+    data = RunData(run, frame)
     missing = {name: PANELS[name].missing(data) for name in NAMES}
     there = [name for name in NAMES if not missing[name]]
     series = {
@@ -126,7 +112,7 @@ def _compose(data: RunData, panels: list[Panel]) -> Figure:
         _fill(subfigure, data, members)
     y = _write(figure, EDGE, title, 14.0, TITLE_LINE, INK, "bold")
     _write(figure, y, head, 9.0, LINE, INK)
-    _write(figure, height - EDGE - foot + 0.05, notes, 7.0, NOTE_LINE, SOFT)
+    _write(figure, height - EDGE - foot + 0.05, notes, 7.0, NOTE_LINE, SOFT_INK)
     return figure
 
 

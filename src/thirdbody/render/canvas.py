@@ -16,7 +16,7 @@ import pyvista
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-from thirdbody.atomic_files import write_whole
+from thirdbody.atomic_files import write_output
 from thirdbody.palette import INK, PAPER, rgb
 
 Rectangle = tuple[float, float, float, float]
@@ -148,13 +148,13 @@ class Canvas:
 
 
 def save_png(pixels: np.ndarray, path: Path, texts: Mapping[str, str] = MappingProxyType({})) -> None:
-    """Write pixels (height, width, 3) as PNG with `texts` by keyword in its text chunks. Raises OSError like `open`."""
+    """Write pixels (height, width, 3) as PNG with `texts` by keyword in its text chunks. Raises OutputError."""
     chunks = PngInfo()
     for keyword, text in texts.items():
         chunks.add_text(keyword, text)
     content = io.BytesIO()
     Image.fromarray(pixels).save(content, "PNG", pnginfo=chunks)
-    write_whole(path, content.getvalue())
+    write_output(path, content.getvalue())
 
 
 class Overlay:

@@ -15,6 +15,7 @@ from thirdbody.trajectory.names import ARRAY_UNITS
 from thirdbody.trajectory.read_blocks import rows_of
 from thirdbody.trajectory.run_file import RunFile
 from thirdbody.trajectory.states import code_name
+from thirdbody.units import prefix_for, ticks
 
 Arrays = dict[str, np.ndarray]
 
@@ -44,6 +45,14 @@ class Legend:
         limits = [legend.limits for legend in (self, other) if legend.limits is not None]
         ends = (min(low for low, _ in limits), max(high for _, high in limits)) if limits else None
         return Legend(limits=ends, codes=tuple(sorted({*self.codes, *other.codes})))
+
+    def scale(self) -> tuple[str, list[tuple[float, str]]]:
+        """Return the title of the colour scale with its unit, and its ticks: their places, 0 to 1, and their numbers."""
+        low, high = self.limits or (0.0, 0.0)
+        factor, unit = prefix_for(max(abs(low), abs(high)), self.unit)
+        low, high = low * factor, high * factor
+        marks = [((value - low) / (high - low) if high > low else 0.5, f"{value:.6g}") for value in ticks(low, high)]
+        return self.title + (f", {unit}" if unit else ""), marks
 
 
 def scale_colors(values: np.ndarray, legend: Legend) -> np.ndarray:

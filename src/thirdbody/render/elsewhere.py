@@ -107,9 +107,8 @@ def main(module: str) -> int:
     job = pickle.load(sys.stdin.buffer)
     try:
         import_module(module).draw(job)
-    except (OSError, ThirdbodyError) as error:
-        words = f"{job['file']}: cannot be written ({error.strerror})" if isinstance(error, OSError) else error
-        print(words, file=sys.stderr)
+    except ThirdbodyError as error:
+        print(error, file=sys.stderr)
         return OutputError.exit_code
     return 0
 

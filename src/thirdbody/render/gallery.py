@@ -112,7 +112,7 @@ def on_screen(points: np.ndarray) -> np.ndarray:
 
 
 def draw(job: dict[str, Any]) -> None:
-    """Draw the bodies of a job of `draw_gallery`, in the second process. Raises OSError like `open`."""
+    """Draw the bodies of a job of `draw_gallery`, in the second process. Raises OutputError."""
     from thirdbody.render.canvas import Canvas, Overlay, save_png
     from thirdbody.render.coloring import Legend
     from thirdbody.render.layout import draw_legend

@@ -16,7 +16,7 @@ from thirdbody.render.canvas import Canvas, Overlay, Rectangle, rectangle
 from thirdbody.render.coloring import Legend
 from thirdbody.render.picture_data import PictureData, Window
 from thirdbody.render.viewport import ARROW, Viewport
-from thirdbody.units import prefix_for, ticks, with_unit
+from thirdbody.units import with_unit
 
 _HEADING = 118.0  # height of title and facts in a picture 900 pixels high
 _SCALE_LABEL = 36.0  # height of the label below a scale bar in such a picture
@@ -233,10 +233,7 @@ def _state(overlay: Overlay, words: str, color: str, total: int) -> _Item:
 
 
 def _scale(overlay: Overlay, legend: Legend, wide: float) -> _Item:
-    assert legend.limits is not None
-    low, high = legend.limits
-    factor, unit = prefix_for(max(abs(low), abs(high)), legend.unit)
-    title = legend.title + (f", {unit}" if unit else "")
+    title, marks = legend.scale()
     before = overlay.width_of(title, 28) + overlay.px(36)
 
     def draw(x: float, y: float) -> None:
@@ -245,11 +242,10 @@ def _scale(overlay: Overlay, legend: Legend, wide: float) -> _Item:
         edges = np.linspace(left, left + wide, _STRIPS + 1)
         strips = np.array([rectangle(a, middle - tall, b, middle + tall) for a, b in zip(edges, edges[1:], strict=False)])
         overlay.pane.add_polygons(strips, field_colors((np.arange(_STRIPS) + 0.5) / _STRIPS))
-        for value in ticks(low * factor, high * factor):
-            fraction = (value - low * factor) / ((high - low) * factor) if high > low else 0.5
+        for fraction, number in marks:
             x, foot, half = left + fraction * wide, middle - tall, overlay.px(1.2)
             overlay.polygon(rectangle(x - half, foot - overlay.px(7), x + half, foot), INK)
-            overlay.text(f"{value:.6g}", x, foot - overlay.px(20), 24, align="center")
+            overlay.text(number, x, foot - overlay.px(20), 24, align="center")
 
     return before + wide, draw
 

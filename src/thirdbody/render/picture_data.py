@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from thirdbody.errors import InputError
-from thirdbody.palette import STATE_COLORS, pale, rgb
+from thirdbody.palette import SOFT_INK, STATE_COLORS, pale, rgb
 from thirdbody.render.coloring import Arrays, Legend, compute_coloring
 from thirdbody.render.surfaces import SMALLEST_CONTACT, PlateSurface, Touching, read_plate_surfaces, read_touching
 from thirdbody.trajectory.read_blocks import rows_of
@@ -24,7 +24,6 @@ MAX_COORDINATE = 1e6  # largest coordinate, or radius, of any drawn object [m]
 FREE_SCALE = Legend()  # scale of a single picture: its colour scale follows from its frame
 # Colour of tubes (darker ones show no roundness), and the percentage of forces that are thinner than the thickest tube.
 TUBE, COMMON = "#3C424B", 99.0
-UNLABELLED = "#5A626C"
 
 
 @dataclass(frozen=True)
@@ -309,7 +308,7 @@ def read_close_up(run: RunFile, frame: int, body: int, color: str, scale: Legend
     spots = replace(spots, position=spots.position + center)
     state = run.state_names[bodies["state"][row]] if "state" in bodies else ""
     label = picture.labels[row] if picture.labels else ""
-    state_color = STATE_COLORS.get(state, UNLABELLED)
+    state_color = STATE_COLORS.get(state, SOFT_INK)
     return CloseUpData(picture, center, 2.0 * float(reach.max()), spots, f"particle {body}", label, state_color)
 
 

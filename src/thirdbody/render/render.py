@@ -1,7 +1,6 @@
 """Pictures and films of a run as PNG, GIF, MP4 or HTML files, without a screen."""
 
 import json
-import os
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from functools import partial, reduce
@@ -9,10 +8,15 @@ from operator import or_
 from pathlib import Path
 from typing import Any
 
-from thirdbody.atomic_files import write_whole
-from thirdbody.errors import InputError, OutputError, nearest
+from thirdbody.atomic_files import write_output
+from thirdbody.errors import InputError, nearest
+from thirdbody.plot.figures import writable
 from thirdbody.render.elsewhere import draw_elsewhere
 from thirdbody.render.film import DRAWN, FilmReporter, film_reporter, frame_numbers, gif, mp4, pyav
+from thirdbody.render.picture_data import read_close_up, read_picture_data, refuse_lost
+from thirdbody.render.surfaces import draw_plate_map
+from thirdbody.render.web_viewer import write_page
+from thirdbody.trajectory.run_file import RunFile
 
 STILLS, FILMS, PAGES = (".png",), (".gif", ".mp4"), (".html",)
 CAMERAS, VIEWS = ("fixed", "follow"), ("iso", "side", "front", "top")
@@ -55,22 +59,14 @@ def render(run_path: str | Path, output: str | Path, *, progress: bool | FilmRep
     InputError for an invalid run, frame, array or option, MissingLibrary when the system cannot draw, OutputError when the file
     cannot be written.
     """
-    from thirdbody.render.picture_data import read_close_up, read_picture_data, refuse_lost
-    from thirdbody.trajectory.run_file import RunFile
-
     output, chosen = checked_output(output), PictureOptions(**options)
     film = output.suffix.lower() in FILMS
     _check_options(output.suffix.lower(), chosen)
     with RunFile(run_path) as run:
         if chosen.plate is not None:
-            from thirdbody.render.surfaces import draw_plate_map
-
             return draw_plate_map(run, output, chosen)
-        try:
-            last = -1 if chosen.frame is None else chosen.frame
-            numbers = frame_numbers(chosen.frames, run.frames) if film else [run.frame_number(last)]
-        except IndexError as error:
-            raise InputError(str(error)) from error
+        last = -1 if chosen.frame is None else chosen.frame
+        numbers = frame_numbers(chosen.frames, run.frames) if film else [run.frame_number(last)]
         for number in numbers[:-1]:
             refuse_lost(run, number, run.bodies(number), run.spheres(number))
         # errors of a picture are raised here, not by the process that draws
@@ -80,12 +76,7 @@ def render(run_path: str | Path, output: str | Path, *, progress: bool | FilmRep
         if chosen.body is not None:
             read_close_up(run, numbers[-1], chosen.body, chosen.color)
     if output.suffix.lower() in PAGES:
-        from thirdbody.render.web_viewer import write_page
-
-        try:
-            return write_page(data, output, chosen.view)
-        except OSError as error:
-            raise OutputError(f"{output}: cannot be written ({error.strerror})") from error
+        return write_page(data, output, chosen.view)
     job = asdict(chosen) | {"run": str(run.path), "file": str(output), "frames": numbers}
     with film_reporter(film and progress, output.name) as report:
         draw_elsewhere(__name__, job, report)
@@ -126,15 +117,12 @@ def checked_output(path: str | Path, allowed: tuple[str, ...] = STILLS + FILMS +
     if path.suffix.lower() not in allowed:
         names = " or ".join([", ".join(allowed[:-1]), allowed[-1]] if allowed[1:] else allowed)
         raise InputError(f"{path}: pictures are written by their suffix; name it {names}")
-    if not os.path.isdir(path.absolute().parent):
-        raise OutputError(f"{path}: the folder {path.parent} does not exist")
-    return path
+    return writable(path)
 
 
 def draw(job: dict[str, Any]) -> None:
-    """Draw the frames of a job, as `render` checked it, in the second process. Raises OSError when the file cannot be written."""
+    """Draw the frames of a job, as `render` checked it, in the second process. Raises OutputError."""
     from thirdbody.render.canvas import Canvas, save_png
-    from thirdbody.trajectory.run_file import RunFile
 
     file = Path(job["file"])
     with RunFile(job["run"]) as run, Canvas(tuple(job["size"])) as canvas:
@@ -142,7 +130,7 @@ def draw(job: dict[str, Any]) -> None:
         if file.suffix.lower() == ".png":
             save_png(next(pictures), file, origin(run, job))
         else:
-            write_whole(file, {".gif": gif, ".mp4": mp4}[file.suffix.lower()](pictures, job["fps"]))
+            write_output(file, {".gif": gif, ".mp4": mp4}[file.suffix.lower()](pictures, job["fps"]))
 
 
 def origin(run: Any, job: dict[str, Any]) -> dict[str, str]:
@@ -162,7 +150,6 @@ def _draw_pictures(run: Any, job: dict[str, Any], canvas: Any) -> Iterator[Any]:
     # all in one layout: only what moves in the run moves in the film
     from thirdbody.render.closeup import compute_close_up_layout, draw_close_up
     from thirdbody.render.layout import compute_layout, draw_picture
-    from thirdbody.render.picture_data import read_close_up, read_picture_data
 
     numbers, color = job["frames"], job["color"]
     scale = reduce(or_, (read_picture_data(run, number, color).legend for number in numbers))

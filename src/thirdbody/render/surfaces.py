@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from thirdbody.atomic_files import write_whole
-from thirdbody.errors import InputError, OutputError, nearest
+from thirdbody.errors import InputError, nearest
 from thirdbody.palette import rgb
+from thirdbody.plot.figures import save
 from thirdbody.trajectory.names import LOWER_PLATE, PLATES
 from thirdbody.trajectory.read_blocks import rows_of
 from thirdbody.trajectory.run_file import RunFile
 from thirdbody.trajectory.summary import NO_MAPS, maps_of_cycles
-from thirdbody.units import GLUE, prefix_for, quantity_text
+from thirdbody.units import prefix_for, with_unit
 
 if TYPE_CHECKING:
     import pyvista
@@ -27,7 +26,7 @@ FINEST = 700  # largest number of points along the longer side of a mesh
 SHADE = 0.30  # fraction of black under a sphere
 # Colour of contacts on a rough plate, and the smallest radius at which they are drawn, over the mean radius of spheres.
 CONTACT, SMALLEST_CONTACT = "#1D1F23", 0.05
-DOTS = 100.0  # pixels per inch
+DOTS = 100  # pixels per inch
 DARK = 0.15  # part of the colour scale that is cut off where nothing lies, so that a faint trace stands out
 
 
@@ -170,12 +169,7 @@ def draw_plate_map(run: RunFile, file: Path, options: Any) -> Path:
     )
     figure.colorbar(image, ax=axes, label=f"{name.replace('_', ' ')} [{unit}]", shrink=0.9)
     axes.set(xlabel="x of the plate [µm]", ylabel="y of the plate [µm]", title=f"{options.plate} plate, {words}")
-    content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=DOTS)
-    try:
-        write_whole(file, content.getvalue())
-    except OSError as problem:
-        raise OutputError(f"{file}: cannot be written ({problem.strerror})") from problem
+    save(figure, file, DOTS)
     return file
 
 
@@ -189,6 +183,6 @@ def plate_map(run: RunFile, plate: str, name: str, frame: int | None, cycles: fl
         raise InputError(f"color: no map '{name}'; {nearest(name, run.map_units)}")
     if cycles is None:
         number = run.frame_number(-1 if frame is None else frame)
-        return run.maps(plate, number)[name], f"after {quantity_text(run.times[number], 's').replace(GLUE, ' ')}"
+        return run.maps(plate, number)[name], f"after {with_unit(run.times[number], 's')}"
     values = maps_of_cycles(run.drag, plate, cycles)[name]
     return values, f"{cycles:g} cycles by the rate of cycles 2 to {len(run.cycles['end_time'])}"

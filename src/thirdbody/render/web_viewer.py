@@ -14,17 +14,17 @@ from pathlib import Path
 
 import numpy as np
 
-from thirdbody.atomic_files import write_whole
+from thirdbody.atomic_files import write_output
 from thirdbody.palette import FIELD_STOPS, rgb
 from thirdbody.render.picture_data import PictureData
 from thirdbody.render.surfaces import CONTACT, HIGHEST, LOWEST
-from thirdbody.units import prefix_for, ticks, with_unit
+from thirdbody.units import with_unit
 
 FINEST = 320  # largest number of points along the longer side of a rough plate: 270 kB of a page for a square plate
 
 
 def write_page(data: PictureData, path: Path, view: str = "iso") -> Path:
-    """Write the page of a frame, seen from `view` first; return its path. Raises OSError when the file cannot be written."""
+    """Write the page of a frame, seen from `view` first; return its path. Raises OutputError when the file cannot be written."""
     text = files("thirdbody.render").joinpath("web_viewer.html").read_text(encoding="utf-8")
     contents = {
         "@TITLE@": html.escape(data.title or "thirdbody"),
@@ -34,7 +34,7 @@ def write_page(data: PictureData, path: Path, view: str = "iso") -> Path:
         "@DATA@": json.dumps(_scene(data) | {"view": view}).replace("<", "\\u003c"),
     }
     text = re.sub("|".join(contents), lambda mark: contents[mark[0]], text)  # once: a title may hold another mark
-    write_whole(path, text.encode("utf-8"))
+    write_output(path, text.encode("utf-8"))
     return path
 
 
@@ -91,11 +91,7 @@ def _legend(data: PictureData) -> str:
         entry = '<span class="entry"><i style="background:{}"></i>{}</span>'
         entries = [entry.format(color, html.escape(words)) for words, color in legend.entries]
         return "".join([f"<b>{html.escape(legend.title)}</b>" if legend.title else "", *entries])
-    low, high = legend.limits
-    factor, unit = prefix_for(max(abs(low), abs(high)), legend.unit)
-    values = np.array(ticks(low * factor, high * factor))
-    percent = 100.0 * (values / factor - low) / (high - low) if high > low else [50.0]
-    marks = "".join(f'<span style="left:{left:.2f}%">{value:.6g}</span>' for left, value in zip(percent, values, strict=True))
-    title = html.escape(legend.title + (f", {unit}" if unit else ""))
+    title, ticks = legend.scale()
+    marks = "".join(f'<span style="left:{100.0 * left:.2f}%">{number}</span>' for left, number in ticks)
     bar = f'<div class="bar" style="background:linear-gradient(90deg,{",".join(FIELD_STOPS)})"></div>'
-    return f'<b>{title}</b><div class="scale">{bar}{marks}</div>'
+    return f'<b>{html.escape(title)}</b><div class="scale">{bar}{marks}</div>'

@@ -43,39 +43,35 @@ def compare_forecast(run: RunFile) -> dict[str, Any]:
     start = start_of_drag(run)
     if start is None:
         return {}
-    watched = watched_frames(run, start)
-    forecast, rolled, observed = run.forecast[start], rolled_within(run, start, watched), watched.any(axis=0)
-    known, slides = (forecast != NO_FORECAST) & observed, (forecast & CAN_SLIDE) > 0
+    watched, drawn = watched_frames(run, start), forecasts(run)
+    rolled = drawn.fact == ROLLING
     groups = {
-        "rolls_as_forecast": known & ~slides & rolled,
-        "slides_as_forecast": known & slides & ~rolled,
-        "rolls_instead": known & slides & rolled,
-        "slides_instead": known & ~slides & ~rolled,
+        "rolls_as_forecast": ~drawn.slides & rolled,
+        "slides_as_forecast": drawn.slides & ~rolled,
+        "rolls_instead": drawn.slides & rolled,
+        "slides_instead": ~drawn.slides & ~rolled,
     }
-    lists = {name: np.flatnonzero(members).tolist() for name, members in groups.items()}
-    agree = len(lists["rolls_as_forecast"]) + len(lists["slides_as_forecast"])
-    unwatched = int(((forecast != NO_FORECAST) & ~observed).sum())
-    result = {"frame": start, "agree": agree, "forecast": int(known.sum()), "unwatched": unwatched} | lists
-    return result | (_explanation(run, start, watched, known) if known.any() else {})
+    unwatched = int(((run.forecast[start] != NO_FORECAST) & ~watched.any(axis=0)).sum())
+    lists = {name: drawn.body[members].tolist() for name, members in groups.items()}
+    result = {"frame": start, "agree": int(drawn.correct.sum()), "forecast": len(drawn.body), "unwatched": unwatched} | lists
+    return result | (_explanation(run, start, watched, drawn) if len(drawn.body) else {})
 
 
-def _explanation(run: RunFile, start: int, watched: np.ndarray, known: np.ndarray) -> dict[str, Any]:
+def _explanation(run: RunFile, start: int, watched: np.ndarray, drawn: Forecasts) -> dict[str, Any]:
     """Return the explanation of an agreement: counts outside the band, with and without neighbours, and the run's conditions.
 
     Keys: `clear` and `alone`, (agree, forecast) of the bodies outside the 2 % band and of those that meanwhile touch no other;
     `rotated`, the first of these by the measured rotation of `_rotated` instead of the labels (None without orientations);
     `conditions`, a list of dictionaries.
     """
-    drawn, bodies = forecasts(run), run.bodies(start)
     alone = ~touches_others(run, watched)[drawn.body]
-    friction = plate_friction(run).min(axis=0)[bodies["material"]]
     rotated = _rotated(run, start, watched)
     plain = None if rotated is None else (rotated[drawn.body] != drawn.slides) & drawn.clear
     return {
         "by_rotation": None if plain is None else [int(plain.sum()), int(drawn.clear.sum())],
         "clear": [int((drawn.correct & drawn.clear).sum()), int(drawn.clear.sum())],
         "alone": [int((drawn.correct & drawn.clear & alone).sum()), int((drawn.clear & alone).sum())],
-        "conditions": [condition._asdict() for condition in conditions(run, start, watched, known, friction)],
+        "conditions": [condition._asdict() for condition in conditions(run, start, watched, drawn)],
     }
 
 
@@ -182,18 +178,18 @@ class Condition(NamedTuple):
     satisfied: bool
 
 
-def conditions(run: RunFile, start: int, watched: np.ndarray, report: np.ndarray, friction: np.ndarray) -> list[Condition]:
+def conditions(run: RunFile, start: int, watched: np.ndarray, drawn: Forecasts) -> list[Condition]:
     """Return the assumptions, each evaluated for the run.
 
-    `start` is the frame of the forecast, `watched` (F, B) the frames in which each body was watched, `report` (B,) the bodies
-    that have a forecast, `friction` (B,) their coefficients against the plates.
+    `start` is the frame of the forecast, `watched` (F, B) the frames in which each body was watched, `drawn` the bodies that have
+    a forecast.
     """
-    neighbours = float(touches_others(run, watched)[report].mean())
+    neighbours = float(touches_others(run, watched)[drawn.body].mean())
     contacts, upper = run.contacts(start), run.scene_tables.get("plates", {}).get("upper", {})
     loaded = contacts["contact_radius"] > 0.0
     ratio = contacts["overlap"][loaded] / contacts["contact_radius"][loaded]  # a/R, as a^2 = R overlap (Hertz)
-    overlap, inertia = float(np.median(ratio**2)) if loaded.any() else 0.0, _inertia(run, start, report, friction)
-    frames, reversed_fraction = float(np.median(watched[:, report].sum(axis=0))), _reversed_fraction(run, start, watched)
+    overlap, inertia = float(np.median(ratio**2)) if loaded.any() else 0.0, _inertia(run, start, drawn)
+    frames, reversed_fraction = float(np.median(watched[:, drawn.body].sum(axis=0))), _reversed_fraction(run, start, watched)
     support, follows = str(upper.get("support", "rigid")).replace("_", " "), upper.get("support", "rigid") != "rigid"
     if upper.get("gap") is not None:  # it does not yield to a body: one that tips wedges
         support, follows = f"{support}, gap prescribed", False
@@ -222,16 +218,16 @@ def touches_others(run: RunFile, watched: np.ndarray) -> np.ndarray:
     return result
 
 
-def _inertia(run: RunFile, start: int, report: np.ndarray, friction: np.ndarray) -> float:
+def _inertia(run: RunFile, start: int, drawn: Forecasts) -> float:
     """Return the median of m v^2/(mu N a) of the bodies, with the mean speed of the drag; infinite without friction."""
-    bodies, contacts, count = run.bodies(start), run.contacts(start), len(report)
-    load, radius = np.zeros(count), np.zeros(count)
+    mass, contacts = np.asarray(run.bodies(start)["mass"], float), run.contacts(start)
+    load, radius = np.zeros(len(mass)), np.zeros(len(mass))
     np.add.at(load, contacts["body"], 0.5 * np.abs(contacts["normal_force"]))  # each side carries the load once
     np.maximum.at(radius, contacts["body"], contacts["contact_radius"])
     distance = run.series["distance"]
     speed = float(distance[-1] - distance[start]) / float(run.times[-1] - run.times[start])
-    resistance = (friction * load * radius)[report]
-    energy = np.asarray(bodies["mass"], float)[report] * speed**2
+    resistance = drawn.friction * load[drawn.body] * radius[drawn.body]
+    energy = mass[drawn.body] * speed**2
     return float(np.median(np.divide(energy, resistance, out=np.full(len(energy), np.inf), where=resistance > 0.0)))
 
 

@@ -79,12 +79,7 @@ def mesh_population(path: Path, unit: str | None, spheres: int | None, seed: int
 
 
 def read_shapes(
-    path: Path,
-    unit: str | None = None,
-    spheres: int | None = None,
-    seed: int | None = None,
-    settings: Mapping[str, str] | None = None,
-    plugins: Sequence[Path] = (),
+    path: Path, unit: str | None, spheres: int | None, seed: int | None, settings: Mapping[str, str], plugins: Sequence[Path]
 ) -> list[Population]:
     """Return the populations of a scene file, or the bodies of a mesh file or of a folder of them.
 
@@ -107,8 +102,7 @@ def read_shapes(
         raise UsageError(f"{', '.join(given)}: only for a mesh file ({known}); a scene holds these values itself")
     if path.suffix.lower() != ".toml":
         raise InputError(f"{path}: neither a scene (.toml) nor a mesh ({', '.join(SUFFIXES)})")
-    scene = Scene.load(path, plugins)
-    return populations(scene.with_settings(settings) if settings else scene)
+    return populations(Scene.load(path, plugins).with_settings(settings))
 
 
 def population_statistics(population: Population) -> dict[str, Any]:

@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from thirdbody.atomic_files import write_whole
-from thirdbody.errors import OutputError, UsageError
+from thirdbody.atomic_files import write_output
+from thirdbody.errors import UsageError
+from thirdbody.plot.figures import FORMATS
 from thirdbody.report.tables import print_json, table
 from thirdbody.scene.model import Scene
 from thirdbody.surfaces.reading import npz_bytes, read_any_scan
@@ -16,7 +17,7 @@ from thirdbody.surfaces.statistics import Statistics, surface_statistics, with_s
 from thirdbody.system.terminal import print_line
 from thirdbody.units import pretty
 
-PICTURES, SCAN = (".png", ".pdf", ".svg"), ".npz"
+SCAN = ".npz"
 
 
 class Described(NamedTuple):
@@ -39,20 +40,17 @@ def surface_report(
     """
     scene, kinds = path.suffix.lower() == ".toml", {target: target.suffix.lower() for target in out}
     for target, kind in kinds.items():
-        if kind not in (*PICTURES, SCAN):
-            raise UsageError(f"{target}: expected a picture ({', '.join(PICTURES)}) or a height map ({SCAN})")
+        if kind not in (*FORMATS, SCAN):
+            raise UsageError(f"{target}: expected a picture ({', '.join(FORMATS)}) or a height map ({SCAN})")
     if plate is not None and not scene:
         raise UsageError("--plate: for a scene; a file holds one surface")
     if grid != (None, None) and scene:
         raise UsageError("--unit, --spacing: for a file of a measured surface")
     scan, one = _plate(path, plate, settings, plugins) if scene else _measured(path, *grid)
     for target in (target for target, kind in kinds.items() if kind == SCAN):
-        try:
-            write_whole(target, npz_bytes(scan))
-        except OSError as error:
-            raise OutputError(f"{target}: cannot be written ({error.strerror or error})") from error
+        write_output(target, npz_bytes(scan))
     _print(one, json)
-    for target in (target for target, kind in kinds.items() if kind in PICTURES):
+    for target in (target for target, kind in kinds.items() if kind in FORMATS):
         from thirdbody.plot.surface_plot import draw_surface
 
         draw_surface(target, one.name, one.heights, one.spacing, one.statistics)
@@ -74,8 +72,7 @@ def _measured(path: Path, unit: str | None, spacing: str | None) -> tuple[Height
 def _plate(path: Path, plate: str | None, settings: Mapping[str, str], plugins: Sequence[Path]) -> tuple[HeightMap, Described]:
     from thirdbody.assembly.surfaces import plate_surfaces  # imports the engine, which a file needs not
 
-    scene = Scene.load(path, plugins)
-    surfaces = plate_surfaces(scene.with_settings(settings) if settings else scene)
+    surfaces = plate_surfaces(Scene.load(path, plugins).with_settings(settings))
     if not surfaces:
         raise UsageError(f"{path}: both plates are flat: add plates.lower.surface or plates.upper.surface")
     side = plate or next(iter(surfaces))

@@ -24,7 +24,7 @@ from thirdbody.trajectory.contacts import FrameContacts
 from thirdbody.trajectory.frame import FrameMaker, Selection
 from thirdbody.trajectory.names import LOWER_PLATE, UPPER_PLATE
 from thirdbody.trajectory.profiles import AXES, Profiler
-from thirdbody.trajectory.sampling import IntervalMeans, Sampler, body_velocities, sample_of
+from thirdbody.trajectory.sampling import IntervalMeans, Sampler, sample_of
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
@@ -39,7 +39,8 @@ def frame_maker(simulation: Simulation, ledger: Ledger) -> FrameMaker:
         profiler = Profiler(profiles.bins, AXES.index(profiles.axis), labels, labeller.states if labeller else ())
     if is_bed(simulation):
         assert simulation.bed is not None  # debris meets below an upper plate
-        bed, samplers = BedMeasures(state, simulation.bed.modulus), dict[str, Sampler](velocity=body_velocities)
+        bed = BedMeasures(state, simulation.bed.modulus)
+        samplers: dict[str, Sampler] = {"velocity": lambda state: state.bodies.velocity}
         if has_accommodation(state, drag):
             samplers["accommodation"] = partial(accommodation, drag)
         if profiler:

@@ -12,7 +12,7 @@ from thirdbody.errors import printable
 from thirdbody.system.terminal import print_line, progress_bar
 
 LINES = 10
-"""Lines of progress of a whole run where there is no terminal for a bar."""
+"""Lines of progress of a whole run, or study, where there is no terminal for a bar."""
 
 OFFSET = 0.38
 """Part of such an interval by which they come later than tenths of a run, where a stroke is often at a reversal."""

@@ -63,12 +63,12 @@ def prepare_resume(
 
 
 def _scenes(
-    folder: Path, checkpoint: Checkpoint, settings: Mapping[str, Any], plugins: Iterable[str | Path] = ()
+    folder: Path, checkpoint: Checkpoint, settings: Mapping[str, Any], plugins: Iterable[str | Path]
 ) -> tuple[Scene, Scene]:
     path = folder / SCENE_FILE
     before = Scene.parse(checkpoint.scene, str(folder / CHECKPOINT), checkpoint.folder, plugins)
     now = Scene.parse(read_text(path), str(path), checkpoint.folder, plugins) if path.is_file() else before
-    now = now.with_settings(settings) if settings else now
+    now = now.with_settings(settings)
     changes = [
         Fault(key, f"was {old}, is {new}")
         for key, old, new in _differences(before.document(), now.document())

@@ -129,13 +129,13 @@ def new_run_folder(path: Path, overwrite: bool) -> Iterator[RunFolder]:
     new = [folder for folder in (path, *path.absolute().parents) if not os.path.exists(folder)]
     try:
         if new:
-            _make_folder(path)
+            make_folder(path)
         with lock_folder(path):
             _remove_leftovers(path)
             replaced = any((path / name).exists() for name in FILES)
             files = RunFolder(path, path / REPLACEMENT if replaced else path, usable=False)
             if replaced:
-                _make_folder(files.work_folder)
+                make_folder(files.work_folder)
             try:
                 yield files
             except OutputError as error:
@@ -152,9 +152,10 @@ def new_run_folder(path: Path, overwrite: bool) -> Iterator[RunFolder]:
                 folder.rmdir()
 
 
-def _make_folder(folder: Path) -> None:
+def make_folder(folder: Path, exist_ok: bool = False) -> None:
+    """Make a folder and those above it; `exist_ok`: it may be there. Raises OutputError."""
     try:
-        folder.mkdir(parents=True)
+        folder.mkdir(parents=True, exist_ok=exist_ok)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be made ({error.strerror or error})") from error
 

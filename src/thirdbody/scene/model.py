@@ -17,7 +17,7 @@ from typing import Annotated, Any
 
 from pydantic import PrivateAttr, ValidationError
 
-from thirdbody.atomic_files import write_whole
+from thirdbody.atomic_files import write_output
 from thirdbody.debris.contract import MAX_SPHERES
 from thirdbody.debris.file import File
 from thirdbody.debris.irregular import Irregular
@@ -25,7 +25,7 @@ from thirdbody.debris.mesh import Mesh
 from thirdbody.debris.registry import Debris, DebrisKinds, kinds_of
 from thirdbody.debris.spheres import Ball, Spheres
 from thirdbody.debris.spots import Spot, Spots
-from thirdbody.errors import Fault, OutputError
+from thirdbody.errors import Fault
 from thirdbody.scene.checks import faults_between, number_faults, raw_faults
 from thirdbody.scene.motion import Constant as ConstantVelocity
 from thirdbody.scene.motion import Motion, Pause, Ramp, Stroke, Table
@@ -297,11 +297,7 @@ class Scene(Part):
         InputError, OutputError
             An option cannot be written as TOML; the file cannot be written.
         """
-        text = self.to_toml()
-        try:
-            write_whole(Path(path), text.encode())
-        except OSError as error:
-            raise OutputError(f"{os.fspath(path)}: cannot be written: {error.strerror}") from None
+        write_output(Path(path), self.to_toml().encode())
 
     def with_settings(self, settings: Mapping[str, Any]) -> Scene:
         """Return the scene with values replaced.
@@ -322,6 +318,8 @@ class Scene(Part):
         InputError
             With every fault.
         """
+        if not settings:
+            return self
         document, locations = apply_settings(self.document(), settings)
         kinds = self._kinds.including(type(debris) for debris in self.debris)
         # A setting can make a key of the file invalid, so every fault here is one of the settings.

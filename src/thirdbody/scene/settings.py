@@ -41,8 +41,13 @@ def toml_value(value: str) -> Any:
     return table["value"] if table.keys() == {"value"} else value
 
 
+def words_of(path: str) -> tuple[str, ...]:
+    """Return the parts of a key: `pairs[0].friction` and `pairs.0.friction` have the same."""
+    return tuple(word for word in re.split(r"[.\[\]]+", path) if word)
+
+
 def _set(document: dict[str, Any], path: str, value: Any, settings: Mapping[str, Any]) -> Location:
-    words = [word for word in re.split(r"[.\[\]]+", path) if word]
+    words = words_of(path)
     if not words:
         raise ValueError("expected a path such as solver.distance")
     node: Any = document

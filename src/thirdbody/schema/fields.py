@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import numbers
 import operator
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -69,14 +69,6 @@ def as_float(value: numbers.Real | float) -> float:
         return float(value)
     except OverflowError:
         raise ValueError(f"{show(value)} is outside the range of numbers") from None
-
-
-def choose(value: Any, names: Collection[str]) -> str:
-    """Return the value when it is one of the names. Raises ValueError that lists them."""
-    if isinstance(value, str) and value in names:
-        return value
-    listed = ", ".join(f"'{name}'" for name in names)
-    raise ValueError(f"{show(value)} is not one of {listed}")
 
 
 def is_unicode(text: str) -> bool:

@@ -22,7 +22,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, Wra
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from thirdbody.errors import Fault, InputError, nearest
-from thirdbody.schema.fields import Schema, choose, in_file, plain, show
+from thirdbody.schema.fields import Schema, in_file, plain, show
 
 Location = tuple[str | int, ...]
 Wrong = tuple[Location, str]  # place relative to the table, and message
@@ -214,11 +214,13 @@ def table_by_kind(value: Any, info: ValidationInfo, key: str, kinds: Kinds, hint
     """
     if not isinstance(value, Mapping):
         raise ValueError(f"expected a table, got {show(value)}")
-    if value.get(key) is None:
-        listed = ", ".join(f"'{name}'" for name in kinds)
-        raise bundle([((key,), f"{MISSING}: one of {listed}")])
+    name = value.get(key)
+    if not isinstance(name, str) or name not in kinds:
+        listed = ", ".join(f"'{known}'" for known in kinds)
+        what = f"{MISSING}: one of {listed}" if name is None else f"{show(name)} is not one of {listed}{hint}"
+        raise bundle([((key,), what)])
     try:
-        kind = kinds[choose(value[key], kinds)]
+        kind = kinds[name]
     except ValueError as error:
         raise bundle([((key,), f"{error}{hint}")]) from None
     return kind.model_validate(value, context=info.context)

@@ -11,10 +11,19 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from thirdbody import units
+from thirdbody.assembly.physics import compile_physics
 from thirdbody.assembly.simulation import Simulation
+from thirdbody.engine.accuracy import Accuracy
+from thirdbody.engine.units import EXPLICIT, MARK
 from thirdbody.errors import GuardStop, InputError, UsageError
 from thirdbody.jit.cache import cache_folder
+from thirdbody.laws.registry import discover
+from thirdbody.runner.measurements import is_bed
+from thirdbody.runner.outlook import expected_integration
+from thirdbody.runner.simulate import prepare, set_threads
 from thirdbody.scene.model import Scene
+from thirdbody.scene.output import STORED
+from thirdbody.scene.tables import IMPLICIT_KEYS
 from thirdbody.studies.point import Point
 from thirdbody.studies.timing import bare, rate
 from thirdbody.studies.variants import Base, springs_option
@@ -56,8 +65,7 @@ class StudySource(NamedTuple):
 
     def read(self) -> Scene:
         """Return the scene. Raises InputError."""
-        scene = Scene.load(self.scene, self.plugins)
-        return scene.with_settings(self.settings) if self.settings else scene
+        return Scene.load(self.scene, self.plugins).with_settings(self.settings)
 
 
 @dataclass(frozen=True)
@@ -85,20 +93,16 @@ def make_copy(source: StudySource, target: float, few: bool, _stop: Callable[[],
     whose time is far off is replaced. Raises UsageError where even the smallest one takes a large part of the budget. `few`:
     with few frames, which take longer to write than a short run to integrate.
     """
-    from thirdbody.runner.measurements import is_bed
-    from thirdbody.runner.simulate import prepare, set_threads
-    from thirdbody.scene.output import STORED
-
     scene = source.read()
     lean: dict[str, Any] = {f"output.{key}": None for key in STORED if key in scene.output.model_fields_set}
     if few:  # what is compared
         lean |= {"output.blocks": ["clumps"], "output.arrays": ["quaternion"]}
-    scene = scene.with_settings(lean) if lean else scene
+    scene = scene.with_settings(lean)
     set_threads(1)
     maximum, limit, bodies = target, DEAR * target, sum(getattr(debris, "count", None) or 1 for debris in scene.debris)
     # building and trying all of them would take a small budget
     many = thin(scene, bodies, MANY / bodies) if few else {}
-    copy = scene.with_settings(many) if many else scene
+    copy = scene.with_settings(many)
     first = built = prepare(copy, source.plugins)
     for attempt in range(SIZES):
         smaller, built = reduce_scene(copy, source.plugins, maximum, built)
@@ -131,17 +135,9 @@ def make_copy(source: StudySource, target: float, few: bool, _stop: Callable[[],
     return Copy(portable(copy).to_toml(), base, words, other)
 
 
-def reduce_scene(
-    scene: Scene, plugins: Sequence[str | Path], maximum: float, built: Simulation | None = None
-) -> tuple[Scene, Simulation]:
-    """Return the scene, or a smaller copy that is integrated in `maximum` seconds, and its simulation, after a trial.
-
-    `built`: the simulation of the scene, if there is one.
-    """
-    from thirdbody.runner.simulate import prepare, set_threads
-
+def reduce_scene(scene: Scene, plugins: Sequence[str | Path], maximum: float, built: Simulation) -> tuple[Scene, Simulation]:
+    """Return the scene, `built` its simulation, or a smaller copy that is integrated in `maximum` seconds, after a trial."""
     set_threads(1)
-    built = built or prepare(scene, plugins)
     if built.plan.estimated:  # a smaller copy might have another one
         scene = scene.with_settings({"solver.integrator": built.plan.kind})
     fewest, fraction = FEWEST_THAT_MEET if built.state.world.debris_meets else FEWEST, maximum / seconds_of(built)
@@ -178,8 +174,6 @@ def reductions(scene: Scene, bodies: int, settle: float, copy: Scene, built: Sim
 
 def seconds_of(built: Simulation) -> float:
     """Return the time of a run without its frames on one core [s], from a trial of it; infinite where a guard stops it."""
-    from thirdbody.runner.outlook import expected_integration
-
     wall, cpu = time.perf_counter(), time.process_time()
     seconds = float(expected_integration(built)["estimated_step_time"])
     # time used by other processes is excluded
@@ -259,11 +253,6 @@ def _round(value: float) -> float:
 
 def base_of(scene: Scene, built: Simulation, plugins: Sequence[str | Path]) -> Base:
     """Return the settings of the scene itself: its law and springs, its integrator, and the steps of both."""
-    from thirdbody.engine.accuracy import Accuracy
-    from thirdbody.engine.units import EXPLICIT
-    from thirdbody.runner.simulate import prepare
-    from thirdbody.scene.tables import IMPLICIT_KEYS
-
     option = springs_option(built.choice.family, built.choice.level)
     springs = None if option is None else int(scene.contact.options.get("springs", option))
     step = built.state.dt
@@ -279,14 +268,11 @@ def base_of(scene: Scene, built: Simulation, plugins: Sequence[str | Path]) -> B
 
 def units_are_compiled(units: Sequence[str]) -> bool:
     """Return whether these units of the kernels (`engine.units`) are in the cache."""
-    from thirdbody.engine.units import MARK
-
     return all((cache_folder() / f"{MARK}{unit}").exists() for unit in units)
 
 
 def portable(scene: Scene) -> Scene:
     """Return the scene with absolute paths of the files that it names, which can be saved in any folder."""
-
     files = {f"debris.{k}.{key}": getattr(debris, key) for k, debris in enumerate(scene.debris) for key in debris.file_keys}
     for side in ("lower", "upper"):
         files[f"plates.{side}.surface.file"] = getattr(getattr(getattr(scene.plates, side), "surface", None), "file", None)
@@ -295,13 +281,11 @@ def portable(scene: Scene) -> Scene:
         names = [str(scene.beside(name).absolute()) for name in ([file] if isinstance(file, str) else file or ())]
         if names:
             changes[key] = names[0] if isinstance(file, str) else names
-    return scene.with_settings(changes) if changes else scene
+    return scene.with_settings(changes)
 
 
 def time_point(point: Point, limit: float, stop: Callable[[], bool] = lambda: False) -> tuple[float, float]:
     """Return the seconds (wall, processor) of integrating a variant: medians of a batch. Raises GuardStop and Late."""
-    from thirdbody.runner.simulate import prepare, set_threads
-
     set_threads(1)
     times: list[tuple[float, float]] = []
     while len(times) < BATCH and (not times or sum(cpu for _, cpu in times) < ENOUGH) and not stop():
@@ -312,9 +296,6 @@ def time_point(point: Point, limit: float, stop: Callable[[], bool] = lambda: Fa
 
 def compile_law(source: StudySource, changes: dict[str, Any], kind: str, _stop: Callable[[], bool] = lambda: False) -> None:
     """Compile the laws of a scene with these changes into the cache."""
-    from thirdbody.assembly.physics import compile_physics
-    from thirdbody.laws.registry import discover
-
     physics = compile_physics(source.read().with_settings(changes), discover(tuple(source.plugins))).physics
     if kind == "implicit":
         _ = physics.tangents  # compiled where it is named first
@@ -322,14 +303,10 @@ def compile_law(source: StudySource, changes: dict[str, Any], kind: str, _stop: 
 
 def compile_point(point: Point, _stop: Callable[[], bool] = lambda: False) -> None:
     """Compile all that a variant needs into the cache."""
-    from thirdbody.runner.simulate import prepare
-
     prepare(point.parsed(), point.plugins)
 
 
 def rate_point(point: Point, limit: float, _stop: Callable[[], bool] = lambda: False) -> float:
     """Return the expected seconds of integrating a variant on one core, from a trial of at most `limit` seconds."""
-    from thirdbody.runner.simulate import prepare, set_threads
-
     set_threads(1)
     return rate(prepare(point.parsed(), point.plugins), limit)

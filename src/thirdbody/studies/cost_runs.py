@@ -17,7 +17,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from thirdbody.assembly.physics import law_faults
+from thirdbody.engine.units import EXPLICIT
 from thirdbody.errors import InputError, ThirdbodyError
+from thirdbody.laws.registry import discover
+from thirdbody.runner.simulate import likely_units
 from thirdbody.scene.model import Scene
 from thirdbody.studies import copies
 from thirdbody.studies.copies import BATCH, ENOUGH, RUNS_OF_COPY, Copy, StudySource, units_are_compiled
@@ -99,11 +103,6 @@ class Bench:
 
         Return False, and compile none, where the kernels have to be compiled first: that needs all cores.
         """
-        from thirdbody.assembly.physics import law_faults
-        from thirdbody.engine.units import EXPLICIT
-        from thirdbody.laws.registry import discover
-        from thirdbody.runner.simulate import likely_units
-
         units, registry = likely_units(scene), discover(tuple(source.plugins))
         if not units_are_compiled(units):
             return False
@@ -146,8 +145,6 @@ class VariantRuns:
     """The variants of a study: their points, what they cost, and the table of their runs."""
 
     def __init__(self, bench: Bench, copy: Copy, source: StudySource, log: Callable[[str], None]) -> None:
-        from thirdbody.laws.registry import discover
-
         self.bench, self.copy, self.source, self.log = bench, copy, source, log
         files = tuple(Path(file).absolute() for file in source.plugins)
         scene = Scene.parse(copy.scene, "scene.toml", Path(), files)
@@ -232,8 +229,6 @@ class VariantRuns:
 
     def compile_beside(self) -> None:
         """Let other processes compile what the variants need and is not in their queue yet; last the kernels of an integrator."""
-        from thirdbody.engine.units import EXPLICIT
-
         own, units = self.own.variant, {"explicit": EXPLICIT, "implicit": ("driver", "pairs", "books")}
         last = {kind for kind in units if kind != own.integrator and not units_are_compiled(units[kind])}
         rows = sorted(self.points, key=lambda row: (row.variant.integrator in last, max(self._rank(row), 2), self.price(row)))

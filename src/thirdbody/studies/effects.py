@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from thirdbody.assembly.simulation import Simulation
 from thirdbody.errors import ThirdbodyError, UsageError, nearest
+from thirdbody.laws.registry import discover
 from thirdbody.palette import INK, LINE_COLORS, SOFT_INK
 from thirdbody.runner.simulate import prepare
 from thirdbody.scene.model import Scene
@@ -123,8 +124,6 @@ class Trial(NamedTuple):
 
 def candidates(scene: Scene, built: Simulation, plugins: Sequence[str | Path], left_out: list[str]) -> list[Trial]:
     """Return the trial of every effect and measure; those without a sensible value go to `left_out`."""
-    from thirdbody.laws.registry import discover
-
     known, result, measures = discover(tuple(plugins)), list[Trial](), scene.measures
     on = {*scene.effects.named, *measures.named} | ({"gravity"} if scene.effects.gravity is not None else set())
     if built.state.world.debris_meets:

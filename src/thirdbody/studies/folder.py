@@ -24,7 +24,7 @@ import numpy as np
 from thirdbody.atomic_files import new_folder, write_output
 from thirdbody.errors import Fault, InputError, Interrupted, OutputError, ThirdbodyError, UsageError
 from thirdbody.export.tables import as_text
-from thirdbody.runner.run_folder import FILES, lock_folder
+from thirdbody.runner.run_folder import FILES, lock_folder, make_folder
 from thirdbody.studies.plan import POINTS, AxisColumn, Plan
 from thirdbody.studies.point import DONE, RESULT_FILE, WAITING, Point, PointResult, read_result
 from thirdbody.studies.results import result
@@ -118,6 +118,7 @@ def save_plan(plan: Plan, folder: Path, more: Mapping[str, Any] | None = None) -
             for one, settings in zip(plan.points, plan.settings, strict=True)
         ],
     }  # fmt: skip
+    make_folder(folder, exist_ok=True)
     write_output(folder / SCENE_FILE, plan.scene.encode())
     write_output(folder / SWEEP_FILE, json.dumps(document | dict(more or {})).encode())
 

@@ -187,7 +187,7 @@ def _is_log(values: np.ndarray) -> bool:
 
 
 def _scale(values: np.ndarray, unit: str) -> tuple[float, str]:
-    return (1.0, "") if unit == "1" else prefix_for(float(np.abs(values).max(initial=0.0)), unit)
+    return prefix_for(float(np.abs(values).max(initial=0.0)), unit)
 
 
 def _scaled(axes: Axes, which: str, key: str, sweep: SweepTable, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import statistics
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from typing import Any
 
 from thirdbody.errors import SETTINGS, Fault, InputError, ThirdbodyError
 from thirdbody.scene.model import Scene
+from thirdbody.scene.settings import words_of
 from thirdbody.schema.fields import plain
 from thirdbody.schema.write import toml_text, toml_value_text
 from thirdbody.studies.axes import Settings, number_in_si
@@ -67,7 +67,7 @@ def make_plan(base: Scene, definition: Definition, folder: Path, plugins: Iterab
         for settings in (_paths(definition.tables.settings), *(point.items() for point in definition.points))
     )
     try:
-        base = base.with_settings(given) if given else base
+        base = base.with_settings(given)
     except InputError as error:
         for fault in error.faults:
             checker.faults[fault.key, fault.message] = definition.source.fault(("settings", fault.key), fault.message)
@@ -116,8 +116,8 @@ class _Checker:
             scene = base.with_settings(settings)
         except InputError as error:
             self._collect(error.faults, settings, number)
-            wrong = {_words(fault.key) for fault in error.faults}
-            left = {key: value for key, value in settings.items() if _words(key) not in wrong}
+            wrong = {words_of(fault.key) for fault in error.faults}
+            left = {key: value for key, value in settings.items() if words_of(key) not in wrong}
             if len(left) < len(settings):  # keys that lead nowhere hide the faults of the others
                 self.scene(base, left, number)
             return None
@@ -139,7 +139,7 @@ class _Checker:
         """Keep faults at the place in the sweep file that they come from, or with the values of the point."""
         columns = [column for axis in self.definition.axes for column in axis]
         for fault in faults:
-            at = next((one for one in columns if _words(fault.key)[: len(_words(one.key))] == _words(one.key)), None)
+            at = next((one for one in columns if words_of(fault.key)[: len(words_of(one.key))] == words_of(one.key)), None)
             if (fault.key, fault.message) in self.faults:
                 continue
             if at is not None:
@@ -151,14 +151,9 @@ class _Checker:
             self.faults[fault.key, fault.message] = placed
 
 
-def _words(path: str) -> tuple[str, ...]:
-    """Return the parts of a key: `pairs[0].friction` and `pairs.0.friction` have the same."""
-    return tuple(word for word in re.split(r"[.\[\]]+", path) if word)
-
-
 def _column(axis: int, key: str, documents: Sequence[Any]) -> AxisColumn:
     """Return the values of a key in the resolved scenes, as numbers in SI where all are of one kind."""
-    raw = [_value_at(document, _words(key)) for document in documents]
+    raw = [_value_at(document, words_of(key)) for document in documents]
     try:
         values, kinds = zip(*map(number_in_si, raw), strict=True)
     except ValueError:
@@ -218,7 +213,7 @@ def estimate(plan: Plan, workers: int | None) -> dict[str, Any]:
 
 def print_estimate(plan: Plan, cost: Mapping[str, Any], json: bool) -> None:
     """Print the axes and the cost of a sweep."""
-    from thirdbody.report.tables import print_json, table
+    from thirdbody.report.tables import print_json, print_warnings, table
 
     values = {column.key: list(dict.fromkeys(column.values)) for column in plan.columns}
     if json:
@@ -238,5 +233,4 @@ def print_estimate(plan: Plan, cost: Mapping[str, Any], json: bool) -> None:
     print_line(
         f"disk: {file_size(cost['disk'])}; memory of a worker: about 0.3 GB, and {file_size(cost['memory_per_worker'])} for a run"
     )
-    for failure in cost["failures"]:
-        print_line(f"warning: {failure}", err=True)
+    print_warnings(cost["failures"])

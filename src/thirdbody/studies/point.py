@@ -20,7 +20,7 @@ from typing import Any
 from thirdbody.atomic_files import write_output
 from thirdbody.errors import InputError, Interrupted, OutputError, ThirdbodyError
 from thirdbody.runner.checkpoint import FILE as CHECKPOINT
-from thirdbody.runner.run_folder import lock_folder
+from thirdbody.runner.run_folder import lock_folder, make_folder
 from thirdbody.scene.model import Scene
 
 RESULT_FILE = "point.json"  # in the folder of a point, beside the files of its run: the result, written last
@@ -75,6 +75,7 @@ class PointResult:
 
 def write_result(point: Point, result: PointResult) -> None:
     """Write the result into the folder of its point, whole or not at all. Raises OutputError."""
+    make_folder(point.folder, exist_ok=True)
     write_output(point.folder / RESULT_FILE, json.dumps(asdict(result)).encode())
 
 

@@ -16,7 +16,8 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from thirdbody.errors import Interrupted, OutputError, ThirdbodyError
-from thirdbody.runner.run_folder import lock_folder
+from thirdbody.runner.progress import LINES
+from thirdbody.runner.run_folder import lock_folder, make_folder
 from thirdbody.studies.folder import Table, is_sweep_folder, save_plan
 from thirdbody.studies.plan import Plan
 from thirdbody.studies.point import (
@@ -37,7 +38,6 @@ from thirdbody.system.terminal import print_line, progress_bar
 from thirdbody.units import duration
 
 POLL = 0.2  # interval [s] at which a wish to stop is noticed
-LINES = 10  # number of lines of the progress of a whole study where there is no terminal for a bar
 # Approximate number of points whose laws are compiled before workers start; a worker compiles what none of them has.
 EXAMINED = 200
 
@@ -202,10 +202,7 @@ def execute_sweep(plan: Plan, folder: Path, execution: Execution) -> Table:
             python=f"; {'resume=True goes on, ' if known else ''}out=... names another folder",
             command=f"; {'--resume goes on, ' if known else ''}-o names another folder",
         )
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be made ({error.strerror or error})") from error
+    make_folder(folder, exist_ok=True)
     with lock_folder(folder):
         save_plan(plan, folder)
         table, missing = Table(plan, folder), list[Point]()

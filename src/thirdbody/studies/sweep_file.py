@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import ValidationError
 
@@ -29,8 +29,6 @@ _INDEX = re.compile(r"\[(\d+)\]")
 
 class SweepFile(Part):
     """All keys of a sweep file."""
-
-    later: ClassVar[dict[str, str]] = {}
 
     sweep: Annotated[int, Whole(ge=VERSION, le=VERSION)] = VERSION
     """Version of the format; a file must give it. Example: 1."""

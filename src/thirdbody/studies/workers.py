@@ -31,7 +31,7 @@ from types import FrameType
 from typing import Any
 
 from thirdbody.errors import Fault, InputError, MissingLibrary, ThirdbodyError, UsageError, nearest
-from thirdbody.system.processes import cores, python_command, python_environment
+from thirdbody.system.processes import python_command, python_environment
 
 TRIES = 3  # number of processes that one point may take with it before it counts as failed
 PATIENCE = 20.0  # time [s] for a process to end by itself once it has nothing to do
@@ -56,13 +56,13 @@ class WorkerDied(ThirdbodyError):
 
 
 class LocalWorkers(Executor):
-    """Executor of `count` local processes (None: as many as cores), each with one thread, started at once.
+    """Executor of `count` local processes, each with one thread, started at once.
 
     `submit(function, *arguments)` calls `function(*arguments, stop)` in one of them; `stop` returns True after `interrupt`.
     """
 
-    def __init__(self, count: int | None = None) -> None:
-        self.count = count or cores()
+    def __init__(self, count: int) -> None:
+        self.count = count
         self._threads = ThreadPoolExecutor(self.count)
         self._workers = [_Worker() for _ in range(self.count)]
         self._idle: SimpleQueue[_Worker] = SimpleQueue()

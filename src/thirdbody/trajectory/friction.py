@@ -9,7 +9,7 @@ import numpy as np
 from thirdbody.trajectory.drag import Drag
 from thirdbody.trajectory.names import CYCLES
 from thirdbody.trajectory.run_arrays import RunArrays
-from thirdbody.units import GLUE, MINUS, percent, quantity_text, with_error
+from thirdbody.units import GLUE, MINUS, percent, with_error, with_unit
 
 SMALL_CHANGE, SMALL = 0.01, 1e-3
 """A change by less than SMALL_CHANGE of the coefficient, or by less than SMALL, counts as stationary."""
@@ -78,7 +78,7 @@ class Friction:
                 return with_error(self.value, self.error)
             why = "" if self.stationary is False else "; too few independent values for an error"
             return with_error(self.value, self.error) + f" ({self.low:z.3f} to {self.high:z.3f}{why})".replace("-", MINUS)
-        energy = quantity_text(self.energy_per_cycle, "J").replace(GLUE, " ")
+        energy = with_unit(self.energy_per_cycle, "J")
         return f"{with_error(self.value, self.error)} (mean size over the last cycle, {energy} per cycle)"
 
     @property

@@ -25,6 +25,10 @@ from thirdbody.trajectory.read_blocks import BlockReader, Named, RebuiltSpheres,
 Result = TypeVar("Result")
 
 
+class NoFrame(InputError, IndexError):
+    """The run has no such frame."""
+
+
 class RunArrays(OpenFile):
     """The arrays of a run, read from its file on demand; a context manager. SI units."""
 
@@ -329,7 +333,7 @@ class RunArrays(OpenFile):
             raise TypeError(f"{self.path}: a frame is a whole number, not {frame!r}") from None
         if not -self.frames <= frame < self.frames:
             inside = f"from {-self.frames} to {self.frames - 1}" if self.frames else "none: nothing was written yet"
-            raise IndexError(f"{self.path}: no frame {frame}; frames are {inside}")
+            raise NoFrame(f"{self.path}: no frame {frame}; frames are {inside}")
         return frame % self.frames
 
     def __len__(self) -> int:

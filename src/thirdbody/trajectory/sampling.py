@@ -121,8 +121,3 @@ class IntervalMeans:
         self.start, self.last, self.period = (float(x) for x in arrays[CLOCK])
         self.sums = {name: arrays[f"sum_{name}"].copy() for name in self.samplers}
         self.values = {name: arrays[f"last_{name}"].copy() for name in self.samplers}
-
-
-def body_velocities(state: State) -> Array:
-    """Return the velocities of the bodies, (n, 3) [m/s], in the order of the state."""
-    return state.bodies.velocity

@@ -8,7 +8,7 @@ import numpy as np
 from thirdbody.trajectory.names import SIDES
 from thirdbody.trajectory.open_file import damage_as_fault
 from thirdbody.trajectory.run_arrays import RunArrays
-from thirdbody.units import GLUE, percent, quantity_text
+from thirdbody.units import GLUE, percent, with_unit
 
 SIZE_CLASSES, SMALLEST_CLASS = 4, 5
 """Number of size classes, equal in bodies, and the least number of bodies in one."""
@@ -33,21 +33,21 @@ def _size_classes(diameter: np.ndarray | None) -> list[tuple[str, str, np.ndarra
         return []
     edges = np.unique(np.quantile(diameter, np.linspace(0.0, 1.0, count + 1)))
     index = np.clip(np.searchsorted(edges, diameter, "right") - 1, 0, len(edges) - 2)
-    ends = [quantity_text(edge, "m", 2).replace(GLUE, " ") for edge in edges]
+    ends = [with_unit(edge, "m", 2) for edge in edges]
     return [(SIZE, f"{ends[k]} to {ends[k + 1]}", index == k) for k in range(len(edges) - 1) if (index == k).any()]
 
 
-def states_by_group(run: RunArrays, frame: int = -1) -> dict[str, list[dict[str, Any]]]:
-    """Return per kind of group a list of `name`, `bodies`, `load_share` (of the plate's normal force), `fractions`.
+def states_by_group(run: RunArrays) -> dict[str, list[dict[str, Any]]]:
+    """Return per kind of group a list of `name`, `bodies`, `load_share` (of the plate's normal force), `fractions`: at the end.
 
     `fractions` maps each state to its fraction. Populations also have their `material`, size classes the limits `smallest` and
     `largest` [m]. Empty for a run without labels.
     """
     if not run.frames or not run.has_states:
         return {}
-    bodies, result = run.bodies(frame), dict[str, list[dict[str, Any]]]()  # IndexError for a frame outside the run
+    bodies, result = run.bodies(-1), dict[str, list[dict[str, Any]]]()
     with damage_as_fault(run.path, "bodies and contacts"):
-        load = _load_fractions(run, frame, len(bodies["state"]))
+        load = _load_fractions(run, len(bodies["state"]))
         groups: list[tuple[str, str, np.ndarray]] = []  # kind, name, members (B,), bool
         for kind, names in ((POPULATION, run.population_names), (MATERIAL, run.material_names)):
             codes = bodies.get(kind, np.zeros(0, np.int64))
@@ -68,8 +68,8 @@ def states_by_group(run: RunArrays, frame: int = -1) -> dict[str, list[dict[str,
     return result
 
 
-def _load_fractions(run: RunArrays, frame: int, count: int) -> np.ndarray | None:
-    contacts = run.block("contacts", frame)
+def _load_fractions(run: RunArrays, count: int) -> np.ndarray | None:
+    contacts = run.block("contacts", -1)
     if not {"side", "body", "normal_force"} <= set(contacts):
         return None
     for side in ("upper", "lower"):
