@@ -107,10 +107,12 @@ def corrugation(form: str, axial_ratio: float, spheres: int) -> tuple[float, flo
 
 def in_one_piece(form: str, axial_ratio: float, spheres: int) -> bool:
     """Return whether overlaps connect all spheres."""
-    from thirdbody.bodies.union_moments import longest_links
+    import numpy as np
+    from scipy.sparse.csgraph import connected_components
 
     centers, radii, _ = layout(form, axial_ratio, spheres)
-    return bool(longest_links(centers[None], radii[None])[0] < 1.0)
+    near = np.linalg.norm(centers[:, None] - centers, axis=-1) < radii[:, None] + radii
+    return connected_components(near, directed=False, return_labels=False) == 1
 
 
 class Spheroid(PlacedDebris):
