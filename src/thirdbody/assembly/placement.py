@@ -138,7 +138,8 @@ def _fill(
             x[members], q[members], fraction, height = pack(bodies, fraction, *domain, rng)
             x[members, 2] += CLEARANCE * max(body.diameter for body in bodies)
     except InputError as error:
-        where = (*_volume_keys(scene, placement), (first, "placement"))[0][:2]
+        volume_keys = _volume_keys(scene, placement)
+        where = volume_keys[0][:2] if volume_keys else (first, "placement")
         raise InputError(
             scene.fault(("domain", "size") if fault.key == "domain.size" else ("debris", *where), fault.message)
             for fault in error.faults
