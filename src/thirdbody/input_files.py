@@ -1,5 +1,9 @@
-"""Files of the user, read with bounds: whole files, members of ZIP archives, arrays of NPZ files; damage is one clear fault."""
+"""Files of the user, read with bounds: whole files, lines of CSV tables, members of ZIP archives, arrays of NPZ files.
 
+Damage is one clear fault.
+"""
+
+import csv
 import io
 import os
 import stat
@@ -58,6 +62,25 @@ def read_bytes(path: str | os.PathLike[str], key: str = "", what: str = "file", 
         reason = f"cannot be read: {getattr(error, 'strerror', error)}"
     name = os.fspath(path)
     raise InputError(Fault(key, reason, name if len(name) < 200 else f"{name[:200]}..."))
+
+
+def csv_lines(file: str, data: bytes) -> list[tuple[int, list[str]]]:
+    """Return number and cells of each line of a CSV table that is not blank. InputError: one fault of the `file`."""
+    if b"\0" in data[:4096]:
+        wide = data[:2] in (b"\xff\xfe", b"\xfe\xff")
+        what = "is UTF-16 text; save it as UTF-8" if wide else "holds binary data, not the text of a CSV table"
+        raise InputError(Fault("", what, file))
+    try:
+        text = data.decode("utf-8-sig")  # spreadsheets begin their UTF-8 with a byte order mark
+    except UnicodeDecodeError as error:
+        line = data[: error.start].count(b"\n") + 1
+        message = f"byte 0x{data[error.start]:02x} is not UTF-8 text; save the table as CSV in UTF-8"
+        raise InputError(Fault("", message, file, line)) from None
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    try:
+        return [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
+    except csv.Error as error:
+        raise InputError(Fault("", f"is no CSV table from here on ({error})", file, reader.line_num)) from None
 
 
 @contextmanager

@@ -14,8 +14,9 @@ from balls import edited
 from each import each
 from steel import SCENES, scene_text
 from thirdbody.api import run
-from thirdbody.assembly.cautions import adhesion_warnings, expected_heat, expected_wear, neighbours
-from thirdbody.assembly.plate_load import refuse_crushing, times
+from thirdbody.assembly import upper_plate
+from thirdbody.assembly.cautions import Expected
+from thirdbody.assembly.plate_load import times
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.islands import expected_islands
 from thirdbody.errors import InputError
@@ -104,34 +105,30 @@ def test_hot_spots_are_warned_of_unless_a_measure_has_them():
     glass = 'thermal_conductivity = "1 W/m/K"\nheat_capacity = "460 J/kg/K"\ndensity ='
     hot = scene(("1 mm/s", "20 m/s"), ("density =", glass))
     built = build(hot)
-    heat, a = expected_heat(built.choice, built.state, built.upper), hertz_radius(built)
+    heat, a = built.expected.heat, hertz_radius(built)
     assert heat.excess == pytest.approx(0.3 * 1e-5 * 20.0 / (4.0 * a * 2.0), rel=1e-9) and heat.excess > 100.0
     assert heat.peclet == pytest.approx(0.5 * 20.0 * a * 7850.0 * 460.0 / 1.0, rel=1e-9) and not heat.assumed
-    hot_spots = [warning for warning in built.cautions() if "friction heats a spot of steel/steel by some 107 K" in warning]
+    hot_spots = [line for line in built.expected.warnings() if "friction heats a spot of steel/steel by some 107 K" in line]
     assert len(hot_spots) == 1 and "measures.flash_temperature" in hot_spots[0]
     measured = build(hot.with_settings({"measures.flash_temperature": True}))
-    assert not any("friction heats" in warning for warning in measured.cautions())
+    assert not any("friction heats" in warning for warning in measured.expected.warnings())
     built = build(scene())
-    slow = expected_heat(built.choice, built.state, built.upper)
+    slow = built.expected.heat
     assert slow.assumed and slow.excess < 1e-3
-
-
-def wear_of(built):
-    return expected_wear(built.choice, built.state, built.upper, built.planned_time)
 
 
 def test_deep_wear_is_warned_of_unless_a_measure_has_it():
     """h = k N/(pi a^2) s with the radius a of Hertz and k = 1e-14 m3/J: 14 nm after 1 mm under 0.01 mN, 0.4 of the overlap."""
     far = scene(('distance = "10 nm"', 'distance = "1 mm"'), ('every = "10 nm"', 'every = "1 mm"'))
     built = build(far)
-    wear, radius, a = wear_of(built), float(built.state.spheres.radius[0]), hertz_radius(built)
+    wear, radius, a = built.expected.wear, float(built.state.spheres.radius[0]), hertz_radius(built)
     assert wear.depth == pytest.approx(1e-14 * 1e-5 / (math.pi * a**2) * built.schedule.path(0.0, built.planned_time), rel=1e-9)
     assert wear.fraction == pytest.approx(wear.depth * radius / a**2, rel=1e-9) and wear.fraction > 0.3
-    worn = [warning for warning in built.cautions() if "a spot of steel/steel that slides all the way wears" in warning]
+    worn = [warning for warning in built.expected.warnings() if "a spot of steel/steel that slides all the way wears" in warning]
     assert len(worn) == 1 and "measures.wear" in worn[0]
     measured = build(far.with_settings({"measures.wear": {"plates": "1e-14 m3/J"}}))
-    assert not any("that slides all the way wears" in warning for warning in measured.cautions())
-    assert wear_of(build(scene())).fraction < 0.01
+    assert not any("that slides all the way wears" in warning for warning in measured.expected.warnings())
+    assert build(scene()).expected.wear.fraction < 0.01
 
 
 FAULTS = {
@@ -243,33 +240,34 @@ def three_spot(**settings):
 
 def test_every_installed_effect_is_on_or_off_with_a_reason():
     rolling = three_spot(effects__rolling_resistance="{coefficient = 0.01}", solver__integrator="explicit")
-    rows = {row["part"]: row for row in rolling.parts()}
+    rows = {row["part"]: row for row in rolling.expected.parts()}
     assert rows["rolling: rolling_resistance"]["on"] and "effect: rolling_resistance" not in rows
     assert not rows["effect: damping"]["on"] and all(row["reason"] for row in rows.values())
     # weight of 1e-13 kg over .1 mN
     assert rows["effect: gravity"]["reason"].startswith("weight/load = 1e-08")
-    assert rows["debris-debris contact"]["on"] is False and three_spot().cautions() == []
+    assert rows["debris-debris contact"]["on"] is False and not three_spot().expected.warnings()
     # 3/2 pi w R of 2 um pulls with 0.47 uN, a tenth of 4.7 uN
-    assert [len(adhesion_warnings(rolling.scene, rolling.choice, rolling.state, load)) for load in (4.7e-6, 4.72e-6)] == [1, 0]
+    assert [len(rolling.expected.adhesion_warnings(load)) for load in (4.7e-6, 4.72e-6)] == [1, 0]
 
 
 def test_weight_drags_near_the_wave_speed_and_close_spots_are_warned_of():
     heavy = {"debris__0__mass": "1e-7 kg", "plates__upper__load": "0.01 mN"}
-    assert any("gravity is off" in line and "0.098" in line for line in three_spot(**heavy).cautions())
+    assert any("gravity is off" in line and "0.098" in line for line in three_spot(**heavy).expected.warnings())
     on = {"effects__gravity": '["0 m/s2", "0 m/s2", "-9.81 m/s2"]'}
-    assert not any("gravity" in line for line in three_spot(**heavy, **on).cautions())
+    assert not any("gravity" in line for line in three_spot(**heavy, **on).expected.warnings())
 
     # sqrt(60 GPa/7800 kg/m3) = 2774 m/s is the slowest
     def is_warned_of(speed):
-        return any("slowest shear wave" in line for line in three_spot(plates__upper__motion__x__velocity=speed).cautions())
+        fast = three_spot(plates__upper__motion__x__velocity=speed)
+        return any("slowest shear wave" in line for line in fast.expected.warnings())
 
     assert is_warned_of("300 m/s") and not is_warned_of("200 m/s")
     simulation = three_spot(debris__0__spots__1__x="-0.1 um", debris__0__spots__2__x="0.3 um")
-    share, distance = neighbours(simulation.state, simulation.upper)
+    share, distance = simulation.expected.neighbours
     radius = 1.5e-6 * math.sqrt(simulation.upper.overlap)  # of the larger contact, a^2 = R d
     assert distance == pytest.approx(0.4e-6 / radius, rel=1e-6)
     assert share == pytest.approx(4.0 * radius / (3.0 * math.pi * 0.4e-6), rel=1e-6)
-    assert any("spots of a body stand as near as 5.1" in line for line in simulation.cautions())
+    assert any("spots of a body stand as near as 5.1" in line for line in simulation.expected.warnings())
 
 
 def test_spots_of_many_bodies_are_compared_in_seconds():
@@ -280,14 +278,17 @@ def test_spots_of_many_bodies_are_compared_in_seconds():
     world = SimpleNamespace(upper=None)
     state = SimpleNamespace(S=S, body=np.repeat(np.arange(n), 2), side=np.zeros(2 * n, np.int8), world=world)
     begun = time.process_time()
-    assert neighbours(state, SimpleNamespace(overlap=1e-4))[1] == pytest.approx(300.0)
+    built = SimpleNamespace(state=state, upper=SimpleNamespace(overlap=1e-4), radii=S[:, sphere.RADIUS])
+    assert Expected.neighbours.func(built)[1] == pytest.approx(300.0)
     assert time.process_time() - begun < 5.0
 
 
-def test_adhesion_that_crushes_alone_is_told_without_a_load_below_zero():
-    pressing = SimpleNamespace(max_load=lambda _: np.array([-15.2]))
+def test_adhesion_that_crushes_alone_is_told_without_a_load_below_zero(monkeypatch):
+    layer = SimpleNamespace(scene=scene(), plate=scene().plates.upper, radius=np.ones(1), kind=np.zeros(1, int),
+                            choice=SimpleNamespace(physics=None))  # fmt: skip
+    monkeypatch.setattr(upper_plate, "response", lambda *_: SimpleNamespace(force=np.array([-15.2])))
     with pytest.raises(InputError, match="adhesion alone presses contacts in.*lower the work of adhesion") as caught:
-        refuse_crushing(scene(), None, pressing, 1e-5)
+        upper_plate._Layer.refuse_crushing(layer, np.zeros(1, int), 1e-5)
     assert "-15.2" not in str(caught.value)
     assert [times(1.004), times(0.9), times(1.25)] == ["equal to", "0.9 times", "1.2 times"]
 

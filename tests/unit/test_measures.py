@@ -11,7 +11,6 @@ from shared_runs import PLATES, clumps
 from steel import HOT_STEEL
 from steel import STEEL as STEEL_TEXT
 import thirdbody
-from thirdbody.assembly.cautions import adhesion_remarks
 from thirdbody.assembly.physics import law_faults
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.guards import Ledger
@@ -229,7 +228,7 @@ def test_a_pair_may_have_its_own_work_of_adhesion_also_without_one_for_all():
     ):  # fmt: skip
         assert pull_off is not None
         assert pull_off(np.array([0, 1]), np.full(2, 1e-6)) == pytest.approx(factor * np.pi * 1e-6 * np.array([0.02, 0.05]))
-    texts = [(pair, text.partition(",")[0]) for pair, text, _ in adhesion_remarks(built.choice, built.state)]
+    texts = [(pair, text.partition(",")[0]) for pair, text, _ in built.expected.remarks]
     assert texts == [("steel/brass", "w = 20 mJ/m2"), ("brass/brass", "w = 50 mJ/m2")]
     stronger = build(scene(*adhesive("2 J/m2")))
     assert stronger.choice.reach(1e-6) > 5.0 * built.choice.reach(1e-6)  # w^(2/3): that of the strongest pair

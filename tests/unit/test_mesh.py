@@ -164,10 +164,13 @@ def test_the_same_seed_gives_the_same_clump(coarse):
 
 def test_distances_of_balls_and_of_a_crease_and_the_curvature_of_an_ellipsoid():
     mesh = ellipsoid((1.0, 1.0, 1.0), 4)
-    there, back = distances(mesh, np.zeros((1, 3)), np.array([0.8]), np.random.default_rng(1))
+    rng = np.random.default_rng(1)
+    rms, maximum = distances(mesh, np.zeros((1, 3)), np.array([0.8]), rng)
     # Facets of the finer ball lie up to 0.0011 inside it.
-    assert there.rms == pytest.approx(0.2, abs=1.5e-3) and back.rms == pytest.approx(0.2, abs=1.5e-3)
-    assert there.maximum == pytest.approx(0.2, abs=1e-12)
+    assert rms == pytest.approx(0.2, abs=1.5e-3) and maximum == pytest.approx(0.2, abs=1e-12)
+    # A second ball reaches 0.5 out of the mesh; the nearest of some 2000 points to its tip falls short by its squared distance.
+    beyond, farthest = distances(mesh, np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), np.array([0.8, 0.5]), rng)
+    assert beyond > rms and farthest == pytest.approx(0.5, abs=0.02)
     # depth inside two spheres is that of the crease
     centers, radii = np.array([[-0.8, 0.0, 0.0], [0.8, 0.0, 0.0]]), np.ones(2)
     union = union_samples(centers, radii, 20000, np.random.default_rng(0))

@@ -15,12 +15,12 @@ from thirdbody.report.surface import law_text
 from thirdbody.runner.checkpoint import prints_of
 from thirdbody.scene.model import Scene
 from thirdbody.surfaces import grid
-from thirdbody.surfaces.grid import GrooveProfile, Spectrum, groove_heights, phases, self_affine, sine_heights
+from thirdbody.surfaces.grid import groove_heights, phases, self_affine, sine_heights
 from thirdbody.surfaces.scan import HeightMap, ScanOptions, cropped, fill_missing, levelled, periodic_scan
 from thirdbody.surfaces.statistics import radial_spectrum, surface_statistics, with_spectrum
 
 SIZE = (100e-6, 80e-6)
-ROUGH = Spectrum(0.2e-6, 0.8, 20e-6, 4e-6)
+ROUGH = (0.2e-6, 0.8, 20e-6, 4e-6)
 STEEL = {"youngs_modulus": 210e9, "poisson_ratio": 0.3, "density": 7850.0}
 
 
@@ -36,7 +36,7 @@ def scene(lower, upper=None, **domain):
 
 
 def random_heights(per_wave=grid.POINTS_PER_WAVE, short=4e-6, seed=1, stream=0):
-    return self_affine(grid.grid_counts(SIZE, (4e-6 / per_wave,) * 2), SIZE, ROUGH._replace(short=short), seed, stream)
+    return self_affine(grid.grid_counts(SIZE, (4e-6 / per_wave,) * 2), SIZE, *ROUGH[:3], short, seed, stream)
 
 
 def spacing_of(heights):
@@ -135,9 +135,9 @@ def test_the_spline_passes_through_the_heights_and_follows_the_band_limited_surf
 
 def test_a_groove_has_straight_flanks_and_continuous_curvature():
     n, period = 20000, 20e-6
-    profile = GrooveProfile(2e-6, 8e-6, 3e-6, 0.5e-6, period)
-    z = groove_heights(phases((1, n), (1, 0), 0.0), profile)[0]
-    quarter = groove_heights(phases((1, n), (1, 0), 0.5 * math.pi), profile)[0]  # a groove at a quarter of the distance
+    profile = (2e-6, 8e-6, 3e-6, 0.5e-6, period)
+    z = groove_heights(phases((1, n), (1, 0), 0.0), *profile)[0]
+    quarter = groove_heights(phases((1, n), (1, 0), 0.5 * math.pi), *profile)[0]  # a groove at a quarter of the distance
     np.testing.assert_allclose(quarter, np.roll(z, n // 4), atol=1e-15)
     x, step = np.arange(n) * period / n, period / n
     assert z.min() == pytest.approx(-2e-6, rel=1e-12) and z.max() == pytest.approx(0.0, abs=1e-21)
@@ -147,13 +147,13 @@ def test_a_groove_has_straight_flanks_and_continuous_curvature():
     assert second.max() == pytest.approx(2.0 / 3.0 / 0.5e-6, rel=0.01)  # the peak of the triangle, sampled
     # continuous: between neighbours it changes by slope/corner^2 times the step, and no more
     assert np.abs(np.diff(second)).max() < 1.01 * (2.0 / 3.0) / 0.5e-6**2 * step
-    v = groove_heights(phases((1, n), (1, 0), 0.0), GrooveProfile(3e-6, 6e-6, 3e-6, 0.6e-6, period))[0]
+    v = groove_heights(phases((1, n), (1, 0), 0.0), 3e-6, 6e-6, 3e-6, 0.6e-6, period)[0]
     assert v.min() == pytest.approx(-3e-6 + 0.6e-6 / 3.0, rel=1e-9)  # a V: the bottom is rounded by corner slope/3
 
 
 def scan():
     """A part of a larger random surface, tilted, so that it is not periodic."""
-    heights = self_affine((320, 400), (200e-6, 160e-6), ROUGH, 3, 0)[:240, :300]
+    heights = self_affine((320, 400), (200e-6, 160e-6), *ROUGH, 3, 0)[:240, :300]
     return HeightMap(heights + np.linspace(0.0, 5e-6, 300), (0.5e-6, 0.5e-6), "scan.npz")
 
 
@@ -178,7 +178,7 @@ def test_a_scan_becomes_a_smooth_periodic_surface():
 def test_a_ground_surface_keeps_crests_and_wavelength(periods, angle):
     n_x, n_y, wavelength = 300, 280, 150e-6 / periods
     y, x = np.mgrid[0:n_y, 0:n_x] * 0.5e-6
-    rough = self_affine((640, 640), (320e-6, 320e-6), Spectrum(5e-9, 0.8, 20e-6, 3e-6), int(periods), 0)[:n_y, :n_x]
+    rough = self_affine((640, 640), (320e-6, 320e-6), 5e-9, 0.8, 20e-6, 3e-6, int(periods), 0)[:n_y, :n_x]
     direction = math.radians(angle)
     ground = 0.2e-6 * np.cos(2.0 * np.pi * (x * math.cos(direction) + y * math.sin(direction)) / wavelength) + rough
     surface = periodic_scan(HeightMap(ground + 0.02 * x, (0.5e-6,) * 2, ""), (120e-6, 110e-6), ScanOptions(short=2e-6))

@@ -152,8 +152,8 @@ def speed_scale(scene: Scene, choice: CompiledPhysics, bed: Bed | None) -> Speed
     target = scene.solver.inertial_number
     if target is None:
         return None
-    if (location_and_reason := _obstacle(scene, choice, bed)) is not None:
-        raise InputError(scene.fault(*location_and_reason))
+    if obstacle := _obstacle(scene, choice, bed):
+        raise InputError(scene.fault(KEY, obstacle))
     assert bed is not None
     ratio = target / bed.inertial_number
     if not 1.0 / FARTHEST < ratio < FARTHEST:
@@ -181,30 +181,30 @@ def at_computed_speed(scene: Scene, scale: SpeedScale | None) -> Scene:
     return scaled.model_copy(update={"solver": scaled.solver.model_copy(update={"inertial_number": scale.target})})
 
 
-def _obstacle(scene: Scene, choice: CompiledPhysics, bed: Bed | None) -> tuple[Location, str] | None:
+def _obstacle(scene: Scene, choice: CompiledPhysics, bed: Bed | None) -> str:
     upper = scene.plates.upper
     if upper is None or bed is None:
-        return KEY, f"{NO_BED}, and here none do; {ALONE}"
+        return f"{NO_BED}, and here none do; {ALONE}"
     if bed.speed == 0.0:
-        return KEY, RESTS
+        return RESTS
     if upper.gap is not None:
-        return KEY, "needs a pressure, and a plate at a gap has none before the run: give plates.upper.load or pressure"
+        return "needs a pressure, and a plate at a gap has none before the run: give plates.upper.load or pressure"
     if upper.support != "rigid":
-        return KEY, (
+        return (
             f"is for a rigid plate: each patch of support = '{upper.support}' has a mass and a dashpot of its own, and answers "
             "in a time that the speed does not change"
         )
     if bed.layers < LAYERS:
-        return KEY, (
+        return (
             f"is for a bed of at least {LAYERS:g} layers, and this debris fills {bed.layers:.1f}: a plate on single bodies rises "
             "and falls with them, in a time that its mass and dashpot give, whatever the speed"
         )
     if bed.pressure == 0.0:
-        return KEY, "needs a load at all times: where it falls to zero no motion is slow, and bodies fly"
+        return "needs a load at all times: where it falls to zero no motion is slow, and bodies fly"
     # forces, pressures and accelerations hold the second squared; a rate, a viscosity, a speed or a relaxation time does not
     parts: list[Law | BodyEffect] = [*choice.chain.laws, *choice.effects]
     timed = [part.name for part in parts if any(DIMENSIONS[option.dimension].powers[SECOND] % 2 for option in part.options)]
-    return (KEY, f"would change what {', '.join(timed)} does, which acts in time and not over distance") if timed else None
+    return f"would change what {', '.join(timed)} does, which acts in time and not over distance" if timed else ""
 
 
 def _slow_plate(scene: Scene, bed: Bed, scale: SpeedScale) -> tuple[Location, str] | None:

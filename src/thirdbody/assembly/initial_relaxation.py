@@ -9,7 +9,7 @@ import numpy as np
 
 from thirdbody import units
 from thirdbody.assembly.physics import CompiledPhysics
-from thirdbody.assembly.populate import position_key, refuse_outside
+from thirdbody.assembly.populate import outside, position_key
 from thirdbody.assembly.schedule import first_load
 from thirdbody.bodies.overlap_removal import CEILING, FLOOR, OverlapRemoval, Overlaps, RemovalOutcome, Walls
 from thirdbody.engine.placed import Placed
@@ -87,24 +87,26 @@ def relax_start(scene: Scene, choice: CompiledPhysics, placed: Placed) -> tuple[
     members = np.array([k for k, body in enumerate(placed.clumps) if body.sides is None], np.int64)
     if not len(members):
         return placed, RelaxedStart(0, 0.0, 0.0, 0, 0, 0.0, 0.0, UNLOADED_OVERLAP, 0.0)
-    start = _Start(scene, placed, members)
-    before = start.removal.overlaps()
-    expected = expected_overlap(scene, choice, placed)
-    if before.largest <= expected:
-        return placed, _change(before, before, expected, np.zeros((0, 4)), 0.0)
-    start.refuse_coincident()
-    after = start.relax(before, expected)
-    # bodies that did not move have the bits of the start
-    x0, q0, removal = placed.positions[members], placed.quaternions[members], start.removal
-    same_x, same_q = ((new == old).all(axis=1) for new, old in zip((removal.X, removal.Q), start.first, strict=True))
-    x, q = np.where(same_x[:, None], x0, removal.X * start.unit), np.where(same_q[:, None], q0, removal.Q)
-    moved = np.flatnonzero((x != x0).any(axis=1) | (q != q0).any(axis=1))
-    displacements = np.linalg.norm(x - x0, axis=1)[moved] / [0.5 * placed.clumps[members[k]].diameter for k in moved]
-    positions, quaternions = placed.positions.copy(), placed.quaternions.copy()
-    positions[members], quaternions[members] = x, q
-    result = replace(placed, positions=positions, quaternions=quaternions)
-    refuse_outside(scene, result)
-    return result, _change(before, after, expected, displacements, (start.highest() - start.top) * start.unit)
+    start, expected = _Start(scene, placed, members), expected_overlap(scene, choice, placed)
+    before = after = start.removal.overlaps()
+    x0, q0, top = placed.positions[members], placed.quaternions[members], start.highest()
+    displacements, result = np.zeros(0), placed
+    if before.largest > expected:
+        start.refuse_coincident(before)
+        after = start.relax(before, expected)
+        # bodies that did not move have the bits of the start
+        X, Q = start.removal.X, start.removal.Q
+        x = np.where((X == start.first).all(axis=1)[:, None], x0, X * start.unit)
+        q = np.where((Q == q0).all(axis=1)[:, None], q0, Q)
+        moved = np.flatnonzero((x != x0).any(axis=1) | (q != q0).any(axis=1))
+        displacements = np.linalg.norm(x - x0, axis=1)[moved] / [0.5 * placed.clumps[members[k]].diameter for k in moved]
+        result = replace(placed, positions=placed.positions.copy(), quaternions=placed.quaternions.copy())
+        result.positions[members], result.quaternions[members] = x, q
+        if faults := outside(scene, result):
+            raise InputError(faults)
+    far, mean = (float(displacements.max()), float(displacements.mean())) if len(displacements) else (0.0, 0.0)
+    pairs, height_gain = (len(before.depth), len(after.depth)), (start.highest() - top) * start.unit
+    return result, RelaxedStart(len(displacements), far, mean, *pairs, before.largest, after.largest, expected, height_gain)
 
 
 def expected_overlap(scene: Scene, choice: CompiledPhysics, placed: Placed) -> float:
@@ -123,12 +125,6 @@ def expected_overlap(scene: Scene, choice: CompiledPhysics, placed: Placed) -> f
     radius = np.array([float(body.radii.mean()) for body in placed.clumps])
     kind = choice.physics.kinds[placed.materials, placed.materials]
     return float(np.min(overlap_at(choice.physics, force, 0.5 * radius, kind) / radius))
-
-
-def _change(before: Overlaps, after: Overlaps, expected: float, displacements: np.ndarray, height_gain: float) -> RelaxedStart:
-    far, mean = (float(displacements.max()), float(displacements.mean())) if len(displacements) else (0.0, 0.0)
-    pairs = len(before.depth), len(after.depth)
-    return RelaxedStart(len(displacements), far, mean, *pairs, before.largest, after.largest, expected, height_gain)
 
 
 class _Start:
@@ -150,28 +146,28 @@ class _Start:
         meet = scene.contact.debris_contact != "none"
         self.removal = OverlapRemoval([body.scaled(1.0 / self.unit) for body in clumps], walls, meet)
         self.removal.X, self.removal.Q = placed.positions[members] / self.unit, placed.quaternions[members].copy()
-        self.first = self.removal.X.copy(), self.removal.Q.copy()
-        self.volume = sum(body.volume for body in clumps)
-        self.top = self.highest()
+        self.first = self.removal.X.copy()
 
-    def refuse_coincident(self) -> None:
+    def highest(self) -> float:
+        """Return the height of the highest point after a search, in units."""
+        return float((self.removal.S[:, 2] + self.removal.radii).max())
+
+    def refuse_coincident(self, overlaps: Overlaps) -> None:
         """Raise InputError for bodies whose centres of mass coincide."""
         X, radius = self.removal.X, np.array([0.5 * self.placed.clumps[k].diameter / self.unit for k in self.members])
-        overlaps = self.removal.overlaps()
-        pairs = overlaps.second >= 0
-        a, b = overlaps.first[pairs], overlaps.second[pairs]
+        a, b = (bodies[overlaps.second >= 0] for bodies in overlaps[:2])
         between = X[a] - X[b]
         if self.removal.walls.periodic:
             period = self.removal.walls.high[:2]
             between[:, :2] -= period * np.round(between[:, :2] / period)
         coincide = np.flatnonzero(np.linalg.norm(between, axis=1) < _COINCIDENT * np.minimum(radius[a], radius[b]))
         if len(coincide):
-            more = f" ({len(coincide)} pairs)" if len(coincide) > 1 else ""
+            more, (one, other) = f" ({len(coincide)} pairs)" if len(coincide) > 1 else "", (a[coincide[0]], b[coincide[0]])
             message = (
-                f"bodies {self.members[a[coincide[0]]]} and {self.members[b[coincide[0]]]} have the same centre{more}: "
+                f"bodies {self.members[one]} and {self.members[other]} have the same centre{more}: "
                 'initial_overlap = "relax" has no direction to push them apart; is a body given twice?'
             )
-            raise self._refused(int(b[coincide[0]]), message)
+            raise self._refused(other, message)
 
     def relax(self, before: Overlaps, expected: float) -> Overlaps:
         """Remove the overlaps and return what remains. Raises InputError for more than the expected ones."""
@@ -186,31 +182,23 @@ class _Start:
                 break
             pushed = np.unique(np.concatenate((after.first, after.second[after.second >= 0])))
             removal.X[pushed] += _KICK * rng.standard_normal((len(pushed), 3))
-        raise self._refused(int(after.first[0]), self._reason(outcome, before, after))
-
-    def highest(self) -> float:
-        """Return the height of the highest point, in units."""
-        self.removal.overlaps()  # computes the spheres
-        return float((self.removal.S[:, 2] + self.removal.radii).max())
+        a, b = int(after.first[0]), int(after.second[0])
+        who = f"body {self.members[a]} and {_WALLS[b]}" if b < 0 else f"bodies {self.members[a]} and {self.members[b]}"
+        bodies, height = [self.placed.clumps[k] for k in self.members], float(removal.walls.high[2]) * self.unit
+        fraction = sum(body.volume for body in bodies) / (math.prod(self.scene.domain.size) * height)
+        if outcome is RemovalOutcome.SPENT:
+            why = f"; the limit of {_LIMIT} steps is reached"
+        elif math.isfinite(height) and fraction > _CROWDED:
+            filled = f"would fill {fraction:.2g} of the space up to the plate"
+            why = f": too little room, the bodies {filled}; raise gap or domain.size, or give a load instead of a gap"
+        else:
+            single = all(len(bodies[k].radii) == 1 for k in (a, max(a, b)))
+            why = ": too little room" if single else ": they are interlocked, or have too little room"
+        message = (
+            f'initial_overlap = "relax": {who} still overlap by {after.largest:.2g} of the radius '
+            f"({len(after.depth)} pairs overlap; at the start {len(before.depth)}, by {before.largest:.2g}){why}"
+        )
+        raise self._refused(a, message)
 
     def _refused(self, body: int, message: str) -> InputError:
         return InputError(self.scene.fault(position_key(self.scene, self.placed, int(self.members[body])), message))
-
-    def _reason(self, outcome: RemovalOutcome, before: Overlaps, after: Overlaps) -> str:
-        a, b = int(after.first[0]), int(after.second[0])
-        who = f"body {self.members[a]} and {_WALLS[b]}" if b < 0 else f"bodies {self.members[a]} and {self.members[b]}"
-        what = (
-            f'initial_overlap = "relax": {who} still overlap by {after.largest:.2g} of the radius '
-            f"({len(after.depth)} pairs overlap; at the start {len(before.depth)}, by {before.largest:.2g})"
-        )
-        height = float(self.removal.walls.high[2]) * self.unit
-        size = self.scene.domain.size
-        fraction = self.volume / (size[0] * size[1] * height)
-        if outcome is RemovalOutcome.SPENT:
-            return f"{what}; the limit of {_LIMIT} steps is reached"
-        if math.isfinite(height) and fraction > _CROWDED:
-            filled = f"would fill {fraction:.2g} of the space up to the plate"
-            return f"{what}: too little room, the bodies {filled}; raise gap or domain.size, or give a load instead of a gap"
-        single = all(len(self.placed.clumps[k].radii) == 1 for k in self.members[[a, max(a, b)]])
-        why = "too little room" if single else "they are interlocked, or have too little room"
-        return f"{what}: {why}"

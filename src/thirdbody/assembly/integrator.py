@@ -183,8 +183,12 @@ def plan(scene: Scene, choice: CompiledPhysics, state: State, upper: Upper, befo
     `before`: the integrator with which a run began, which goes on with it.
     """
     wanted, obstacle = scene.solver.integrator, _obstacle(scene, choice, state)
-    if wanted != "explicit":
-        _refuse_free_bodies(scene, state)
+    if wanted != "explicit" and scene.solver.on_failure == "continue" and carried_together(state):
+        message = "'continue' leaves a body behind, but here all bodies carry one plate together"
+        raise InputError(scene.fault(("solver", "on_failure"), message))
+    if wanted != "explicit" and scene.solver.inertia is False and smallest_load(state.world.schedule) <= 0.0:
+        message = "false needs a load at all times: without load and inertia the position of a body is undetermined"
+        raise InputError(scene.fault(("solver", "inertia"), message))
     if wanted == "implicit" and obstacle:
         raise InputError(scene.fault(("solver", "integrator"), f"'implicit' cannot run this scene: {obstacle}"))
     together, plate = carried_together(state), state.world.upper
@@ -297,17 +301,6 @@ def _obstacle_of_meeting(scene: Scene, state: State, expected: Plan) -> str:
         number = "the load falls to zero" if inertial is None else f"their inertial number is up to {inertial.number:.2g}"
         return f"bodies may meet each other, and {number}: it resolves impacts (above {IMPACTS:g})"
     return ""
-
-
-def _refuse_free_bodies(scene: Scene, state: State) -> None:
-    """Raise InputError where nothing would hold the bodies, no load and no inertia, and for `on_failure = "continue"` where all
-    bodies carry one plate together."""
-    if scene.solver.on_failure == "continue" and carried_together(state):
-        message = "'continue' leaves a body behind, but here all bodies carry one plate together"
-        raise InputError(scene.fault(("solver", "on_failure"), message))
-    if scene.solver.inertia is False and smallest_load(state.world.schedule) <= 0.0:
-        message = "false needs a load at all times: without load and inertia the position of a body is undetermined"
-        raise InputError(scene.fault(("solver", "inertia"), message))
 
 
 def _obstacle(scene: Scene, choice: CompiledPhysics, state: State) -> str:

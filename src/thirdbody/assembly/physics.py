@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from thirdbody.assembly.option_values import effect_values, option_values, pair_value_faults
+from thirdbody.assembly.option_values import Effect, effect_values, option_values, pair_value_faults
 from thirdbody.assembly.schedule import chosen_memory
 from thirdbody.engine.state import CompiledMeasures, Physics
 from thirdbody.errors import PLUGIN_FILE, Fault, InputError, UsageError, nearest, short
@@ -90,14 +90,16 @@ class CompiledPhysics:
 def compile_physics(scene: Scene, registry: Registry) -> CompiledPhysics:
     """Select, check and compile. Raises InputError with all faults of names and options."""
     faults: list[Fault] = []
-    family, level, laws = _family(scene, registry, faults)
-    contact_effects, effects, interactions, values = _effects(scene, registry, faults)
+    family, level, laws, law_values = _laws(scene, registry, faults)
+    named, values = _effects(scene, registry, faults)
     measures, measure_values = _measures(scene, registry, faults)
-    materials, pairs = _materials(scene)
-    law_values = _law_options(scene, family, laws, faults)
-    if faults:
+    if family is None or faults:
         raise InputError(faults)
+    materials, pairs = _materials(scene)
     values = {name: chosen_memory(scene, given) for name, given in law_values.items()} | values
+    contact_effects = [effect for effect in named if isinstance(effect, Law)]
+    effects = tuple(effect for effect in named if isinstance(effect, BodyEffect))
+    interactions = tuple(effect for effect in named if isinstance(effect, SpotInteraction))
     replaced = {law.sized(values[law.name]).replaces for law in contact_effects}
     laws = tuple(law for law in laws if law.name not in replaced)
     chosen = tuple(law for law in (*laws, *contact_effects) if law.wanted(pairs))
@@ -156,11 +158,7 @@ def _kinds(materials: Sequence[Material], pairs: Sequence[Pair]) -> np.ndarray:
 def law_faults(scene: Scene, registry: Registry) -> list[Fault]:
     """Return the faults in the names and options of laws and effects, without compiling anything."""
     faults: list[Fault] = []
-    try:
-        family, _, laws = _family(scene, registry, faults)
-        _law_options(scene, family, laws, faults)
-    except InputError as error:
-        faults += error.faults
+    _laws(scene, registry, faults)
     _effects(scene, registry, faults)
     _measures(scene, registry, faults)
     return faults
@@ -198,18 +196,34 @@ def _not_compiled(parts: Sequence[Law | BodyEffect | Labeller | Measure], proble
     return UsageError(f"{', '.join(names)}: {reason}") if reason and names else problem
 
 
-def _family(scene: Scene, registry: Registry, faults: list[Fault]) -> tuple[LawFamily, str, tuple[Law, ...]]:
+def _laws(
+    scene: Scene, registry: Registry, faults: list[Fault]
+) -> tuple[LawFamily | None, str, tuple[Law, ...], dict[str, dict[str, Any]]]:  # fmt: skip
+    """Return the family, the level, its laws and the option values of each; no family where none has the name."""
     families, name = registry.families, scene.contact.law
     if name not in families:
         hint = nearest(name, families)
         broken = "".join(f"; plug-in {plugin} did not load: {why}" for plugin, why in registry.failures.items())
-        raise InputError(scene.fault(("contact", "law"), f"no law '{name}' is installed, {hint}; {PLUGIN_FILE}{broken}"))
+        faults.append(scene.fault(("contact", "law"), f"no law '{name}' is installed, {hint}; {PLUGIN_FILE}{broken}"))
+        return None, "", (), {}
     family = families[name]
     level = scene.contact.level or family.default_level
+    laws = family.levels.get(level, ())
     if level not in family.levels:
         message = f"'{level}' is not a level of '{name}', {nearest(level, family.levels)}"
         faults.append(scene.fault(("contact", "level"), message))
-    return family, level, family.levels.get(level, ())
+    known = {option.name for law in laws for option in law.options}
+    for key in scene.contact.options:
+        if key in known:
+            continue
+        owners = [level for level, laws in family.levels.items() if any(o.name == key for law in laws for o in law.options)]
+        if owners:
+            message = "belongs to level = " + " or ".join(f'"{owner}"' for owner in owners)
+        else:
+            message = f"unknown key for this law and level, {nearest(key, known | {'law', 'level', 'debris_contact'})}"
+        faults.append(scene.fault(("contact", key), message))
+    values = {law.name: option_values(scene, law.options, scene.contact.options, ("contact",), faults) for law in laws}
+    return family, level, laws, values
 
 
 def _materials(scene: Scene) -> tuple[tuple[Material, ...], tuple[Pair, ...]]:
@@ -222,20 +236,6 @@ def _materials(scene: Scene) -> tuple[tuple[Material, ...], tuple[Pair, ...]]:
         for p in scene.pairs
     )
     return tuple(by_name.values()), pairs
-
-
-def _law_options(scene: Scene, family: LawFamily, laws: Sequence[Law], faults: list[Fault]) -> dict[str, dict[str, Any]]:
-    known = {option.name for law in laws for option in law.options}
-    for key in scene.contact.options:
-        if key in known:
-            continue
-        owners = [level for level, laws in family.levels.items() if any(o.name == key for law in laws for o in law.options)]
-        if owners:
-            message = "belongs to level = " + " or ".join(f'"{owner}"' for owner in owners)
-        else:
-            message = f"unknown key for this law and level, {nearest(key, known | {'law', 'level', 'debris_contact'})}"
-        faults.append(scene.fault(("contact", key), message))
-    return {law.name: option_values(scene, law.options, scene.contact.options, ("contact",), faults) for law in laws}
 
 
 def _named(scene: Scene, table: str, known: Mapping[str, Any], faults: list[Fault]) -> tuple[list[Any], dict[str, Any]]:
@@ -255,18 +255,14 @@ def _named(scene: Scene, table: str, known: Mapping[str, Any], faults: list[Faul
     return chosen, values
 
 
-def _effects(
-    scene: Scene, registry: Registry, faults: list[Fault]
-) -> tuple[list[Law], tuple[BodyEffect, ...], tuple[SpotInteraction, ...], dict[str, dict[str, Any]]]:
-    """Return contact effects, body effects (gravity first, then by name), interactions of spots and the option values of each."""
+def _effects(scene: Scene, registry: Registry, faults: list[Fault]) -> tuple[list[Effect], dict[str, dict[str, Any]]]:
+    """Return the effects that the scene names, gravity first, then by name, and the values of their options."""
     chosen, values = _named(scene, "effects", registry.effects, faults)
     if scene.effects.gravity is not None:
         chosen = [*(effect for name, effect in registry.effects.items() if name == "gravity"), *chosen]
         values["gravity"] = {"acceleration": scene.effects.gravity}
     faults += pair_value_faults(scene, registry.effects)
-    body_effects = tuple(effect for effect in chosen if isinstance(effect, BodyEffect))
-    interactions = tuple(effect for effect in chosen if isinstance(effect, SpotInteraction))
-    return [effect for effect in chosen if isinstance(effect, Law)], body_effects, interactions, values
+    return chosen, values
 
 
 def _measures(scene: Scene, registry: Registry, faults: list[Fault]) -> tuple[tuple[Measure, ...], dict[str, dict[str, Any]]]:

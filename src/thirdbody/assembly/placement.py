@@ -37,10 +37,9 @@ def place_bodies(
     if len(layer):
         headings = np.array([getattr(debris, "heading", None) for debris in scene.debris], float)[populations]
         _lay(scene, clumps, layer, x, q, headings)
-    if len(dilute):
-        _scatter(scene, clumps, dilute, x, q, warnings)
-    if len(dense):
-        _pack(scene, clumps, dense, x, q, warnings)
+    for placement, members in (("dilute", dilute), ("dense", dense)):
+        if len(members):
+            _fill(scene, placement, clumps, members, x, q, warnings)
 
 
 def refuse_placements(scene: Scene, contexts: Sequence[PopulationContext]) -> None:
@@ -116,37 +115,39 @@ def _lay(scene: Scene, clumps: list[Clump], members: np.ndarray, x: np.ndarray, 
         raise InputError([scene.fault(("domain", "size"), fault.message) for fault in error.faults]) from None
 
 
-def _scatter(scene: Scene, clumps: list[Clump], members: np.ndarray, x: np.ndarray, q: np.ndarray, warnings: list[str]) -> None:
+def _fill(
+    scene: Scene, placement: str, clumps: list[Clump], members: np.ndarray, x: np.ndarray, q: np.ndarray, warnings: list[str]
+) -> None:  # fmt: skip
+    """Scatter ("dilute") or pack ("dense") bodies in their common volume."""
     bodies = [clumps[b] for b in members]
-    height, fraction = _volume(scene, "dilute", bodies)
-    # the spots of a given particle touch plates only: no body is in their way
-    standing = np.array([b for b, body in enumerate(clumps) if body.sides is None and np.isfinite(x[b]).all()], np.int64)
-    spheres = None
-    if len(standing):
-        centres, radii, _ = spheres_of([clumps[b] for b in standing], x[standing], q[standing])
-        spheres = np.column_stack((centres, radii))
-    rng = _stream(scene, "dilute", DILUTE_STREAM)
+    height, fraction = _volume(scene, placement, bodies)
+    first = next(i for i, debris in enumerate(scene.debris) if debris.placement_name == placement)
+    dilute, domain = placement == "dilute", (scene.domain.size, scene.domain.periodic)
+    key = (DILUTE_STREAM if dilute else DENSE_STREAM,)
+    rng = np.random.default_rng(np.random.SeedSequence(getattr(scene.debris[first], "seed", 1), spawn_key=key))
     try:
-        x[members], q[members] = scatter(bodies, height, scene.domain.size, scene.domain.periodic, rng, spheres)
+        if dilute:
+            # the spots of a given particle touch plates only: no body is in their way
+            standing = np.array([b for b, body in enumerate(clumps) if body.sides is None and np.isfinite(x[b]).all()], np.int64)
+            spheres = None
+            if len(standing):
+                centres, radii, _ = spheres_of([clumps[b] for b in standing], x[standing], q[standing])
+                spheres = np.column_stack((centres, radii))
+            x[members], q[members] = scatter(bodies, height, *domain, rng, spheres)
+        else:
+            x[members], q[members], fraction, height = pack(bodies, fraction, *domain, rng)
+            x[members, 2] += CLEARANCE * max(body.diameter for body in bodies)
     except InputError as error:
-        raise _placement_faults(scene, "dilute", error) from None
+        volume_keys = _volume_keys(scene, placement)
+        where = volume_keys[0][:2] if volume_keys else (first, "placement")
+        raise InputError(
+            scene.fault(("domain", "size") if fault.key == "domain.size" else ("debris", *where), fault.message)
+            for fault in error.faults
+        ) from None
+    what, up_to = ("dilute", "") if dilute else ("dense bed", "the highest point at ")
     warnings.append(
-        f"dilute: {len(bodies)} bodies fill {fraction:.4g} of the volume up to {units.pretty(height, 'length')} (solid fraction)"
-    )
-
-
-def _pack(scene: Scene, clumps: list[Clump], members: np.ndarray, x: np.ndarray, q: np.ndarray, warnings: list[str]) -> None:
-    bodies = [clumps[b] for b in members]
-    _, fraction = _volume(scene, "dense", bodies)
-    try:
-        bed = pack(bodies, fraction, scene.domain.size, scene.domain.periodic, _stream(scene, "dense", DENSE_STREAM))
-    except InputError as error:
-        raise _placement_faults(scene, "dense", error) from None
-    x[members], q[members] = bed.positions, bed.quaternions
-    x[members, 2] += CLEARANCE * max(body.diameter for body in bodies)
-    warnings.append(
-        f"dense bed: {len(bodies)} bodies fill {bed.solid_fraction:.4g} of the volume up to the highest point at "
-        f"{units.pretty(bed.height, 'length')} (solid fraction)"
+        f"{what}: {len(bodies)} bodies fill {fraction:.4g} of the volume up to {up_to}{units.pretty(height, 'length')} (solid "
+        "fraction)"
     )
 
 
@@ -163,20 +164,6 @@ def _volume(scene: Scene, placement: str, bodies: list[Clump]) -> tuple[float, f
         message = f"the bodies would fill {solid / value:.3g} times the volume up to {units.pretty(value, 'length')}"
         raise InputError(scene.fault(("debris", i, key), message))
     return value, solid / value
-
-
-def _stream(scene: Scene, placement: str, key: int) -> np.random.Generator:
-    first = next(debris for debris in scene.debris if debris.placement_name == placement)
-    return np.random.default_rng(np.random.SeedSequence(getattr(first, "seed", 1), spawn_key=(key,)))
-
-
-def _placement_faults(scene: Scene, placement: str, error: InputError) -> InputError:
-    first = next(i for i, debris in enumerate(scene.debris) if debris.placement_name == placement)
-    volume_keys = _volume_keys(scene, placement)
-    where = ("debris", volume_keys[0][0], volume_keys[0][1]) if volume_keys else ("debris", first, "placement")
-    return InputError(
-        scene.fault(("domain", "size") if fault.key == "domain.size" else where, fault.message) for fault in error.faults
-    )
 
 
 def spheres_of(clumps: Sequence[Clump], x: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -1,19 +1,16 @@
-"""What carries the load of the upper plate: direct contact of the plates, and bodies, which must neither be crushed nor yield."""
+"""Direct contact of the plates, which carries a part of their load, and the words for first yield."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from thirdbody import units
 from thirdbody.assembly.physics import CompiledPhysics
-from thirdbody.engine.guards import OVERLAP_GUARD
 from thirdbody.engine.upper_plate import GapLaw
 from thirdbody.errors import InputError
-from thirdbody.laws.hertz import e_star, yield_limit
+from thirdbody.laws.hertz import e_star
 from thirdbody.scene.model import Scene
-from thirdbody.statics.contacts import load_at, overlap_at, response
 from thirdbody.surfaces.surface import Surface
 from thirdbody.units import pretty
 
@@ -27,79 +24,6 @@ EULER = 0.5772156649015329
 
 FULL_CONTACT = 0.407124934634389
 """Integral of erf(x)^2 exp(-x^2)/x over all x > 0: what the transition to full contact adds."""
-
-MAX_HERTZ_OVERLAP = 0.1
-"""Overlap over sphere radius above which Hertz' theory is only approximate: the contact radius is 0.3 of the radius."""
-
-
-@dataclass(frozen=True)
-class Pressing:
-    """Contacts under the largest load of a run, (n,): load [N], sphere radius [m], row of the pair."""
-
-    load: np.ndarray
-    radius: np.ndarray
-    kind: np.ndarray
-
-    def overlap(self, choice: CompiledPhysics) -> np.ndarray:
-        """Return the overlap (n,) [m], at most the radius."""
-        return overlap_at(choice.physics, self.load, self.radius, self.kind)
-
-    def max_load(self, choice: CompiledPhysics) -> np.ndarray:
-        """Return the load (n,) [N] at which the overlap reaches its limit."""
-        return response(choice.physics, OVERLAP_GUARD * self.radius, self.radius, self.kind).force
-
-
-def refuse_crushing(scene: Scene, choice: CompiledPhysics, pressing: Pressing, load: float, n_sharing: int = 1) -> None:
-    """Raise InputError if even the strongest of these contacts would exceed the guard's overlap.
-
-    `load` [N] is the value in the scene; `n_sharing` bodies carry it together at best.
-    """
-    allowed = float(pressing.max_load(choice).min()) if n_sharing == 1 else float(pressing.max_load(choice).mean()) * n_sharing
-    if load <= allowed:
-        return
-    plate = scene.plates.upper
-    assert plate is not None
-    key = next(key for key in ("load", "pressure", "gap") if getattr(plate, key) is not None)  # that gives the largest load
-    on = "each body" if n_sharing == 1 else f"all {n_sharing} bodies together"
-    message = (
-        f"adhesion alone presses contacts in by more than {OVERLAP_GUARD:g} of the radius, where the overlap guard stops a run, "
-        "under any load; lower the work of adhesion, or take stiffer or larger bodies"
-        if allowed <= 0.0
-        else f"{pretty(load, 'force')} on {on} would press contacts in by more than {OVERLAP_GUARD:g} of the radius, where the "
-        f"overlap guard stops a run; allowed: at most {pretty(allowed, 'force')} on {on}, or stiffer or larger bodies"
-    )
-    raise InputError(scene.fault(("plates", "upper", key), message))
-
-
-def pressing_warnings(choice: CompiledPhysics, pressing: Pressing, overlap: np.ndarray) -> list[str]:
-    """Return warnings of deep contacts, and of peak pressures above first yield by pair of materials; `overlap` (n,) [m]."""
-    result, depth = [], overlap / pressing.radius
-    deepest = int(np.argmax(depth))
-    if depth[deepest] > MAX_HERTZ_OVERLAP:
-        result.append(
-            f"expected overlap {depth[deepest]:.2g} of the radius under {pretty(float(pressing.load[deepest]), 'force')}: Hertz' "
-            f"theory is for small contacts (below {MAX_HERTZ_OVERLAP:g}), and a run stops at {OVERLAP_GUARD:g}; lower the load "
-            "or use stiffer bodies"
-        )
-    if choice.physics.loss == "plastic":
-        return result
-    pressure = response(choice.physics, overlap, pressing.radius, pressing.kind).pressure
-    for k, pair in enumerate(choice.pairs):
-        here = np.flatnonzero(pressing.kind == k)
-        if not len(here):
-            continue
-        worst = here[np.argmax(pressure[here])]
-        limit = yield_limit(pair.a, pair.b)
-        if pressure[worst] > limit.pressure:
-            one = np.array([worst])
-            allowed = load_at(choice.physics, np.array([limit.pressure]), pressing.radius[one], pressing.kind[one])
-            where = limit_words(limit.material, limit.pressure, limit.strength, limit.assumed)
-            result.append(
-                f"{pair.a.name}/{pair.b.name}: expected peak pressure {pretty(float(pressure[worst]), 'pressure')}, "
-                f"{times(float(pressure[worst]) / limit.pressure)} {where}; contacts are computed as elastic all the same; below "
-                f"it: at most {pretty(float(allowed[0]), 'force')} on such a contact; [effects.elastic_plastic] lets them flow"
-            )
-    return result
 
 
 def times(ratio: float) -> str:

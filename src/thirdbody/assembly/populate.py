@@ -153,7 +153,7 @@ def refuse_start(scene: Scene, placed: Placed, lower: Surface | None = None) -> 
         of = f"less than {TINY:g} of the domain, {units.pretty(max(scene.domain.size), 'length')}; is the unit right?"
         message = f"a sphere of body {small[0]} has the radius {size}, {of}"
         faults.append(scene.fault(position_key(scene, placed, int(small[0])), message))
-    faults += _outside(scene, placed) + _own_images(scene, placed, centres, radii, body)
+    faults += outside(scene, placed) + _own_images(scene, placed, centres, radii, body)
     if scene.contact.debris_contact != "none" and not relax:
         free = sides == EVERYTHING
         result = overlaps(centres[free], radii[free], body[free], scene.domain.size, scene.domain.periodic)
@@ -217,12 +217,6 @@ def _meets_itself(centres: np.ndarray, radii: np.ndarray, size: np.ndarray) -> b
     return not raft and any(meets(x, y) for x, y in ((1, 0), (0, 1), (1, 1), (1, -1)))
 
 
-def refuse_outside(scene: Scene, placed: Placed) -> None:
-    """Raise InputError for a body whose centre is outside a domain that is not periodic."""
-    if faults := _outside(scene, placed):
-        raise InputError(faults)
-
-
 def position_key(scene: Scene, placed: Placed, body: int) -> tuple[str | int, ...]:
     """Return the key that gives the position of a body: entry of `positions`, file, or population."""
     population = int(placed.populations[body])
@@ -230,7 +224,8 @@ def position_key(scene: Scene, placed: Placed, body: int) -> tuple[str | int, ..
     return ("debris", population, *scene.debris[population].position_key(body - first))
 
 
-def _outside(scene: Scene, placed: Placed) -> list[Fault]:
+def outside(scene: Scene, placed: Placed) -> list[Fault]:
+    """Return a fault for the first body whose centre is outside a domain that is not periodic."""
     if scene.domain.periodic or scene.plates.lower is None:
         return []
     x = placed.positions[:, :2]

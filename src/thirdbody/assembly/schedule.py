@@ -1,7 +1,6 @@
 """Schedule of the upper plate, from the motion and load in a scene and from CSV files of a quantity over time; whether loads can
 swing, and the memory of tangential springs that `memory = "auto"` chooses by it."""
 
-import csv
 import math
 from collections.abc import Callable
 from itertools import pairwise
@@ -9,8 +8,8 @@ from typing import Any
 
 from thirdbody import units
 from thirdbody.engine.upper_plate import Axis, Schedule, Segment, at_time, ends_of
-from thirdbody.errors import InputError
-from thirdbody.input_files import MAX_ROWS, read_bytes
+from thirdbody.errors import Fault, InputError
+from thirdbody.input_files import MAX_ROWS, csv_lines, read_bytes
 from thirdbody.kernels.schedule import POLYNOMIAL, SINE, TRIANGLE
 from thirdbody.laws.memory import MEMORY
 from thirdbody.scene.model import Scene
@@ -123,19 +122,12 @@ def rows_of(scene: Scene, location: tuple, file: str, word: str, dimension: str)
 
     try:
         data = read_bytes(path)
+        if len(data) > MAX_BYTES or max(data.count(b"\n"), data.count(b"\r")) > MAX_ROWS:
+            message = f"is too large: at most {MAX_ROWS} rows and {MAX_BYTES / 1e6:.0f} MB are read"
+            raise InputError(Fault("", message, str(path)))
+        lines = csv_lines(str(path), data)
     except InputError as error:
         raise InputError([scene.fault(location, str(entry)) for entry in error.faults]) from None
-    if len(data) > MAX_BYTES or max(data.count(b"\n"), data.count(b"\r")) > MAX_ROWS:
-        raise fault(f"is too large: at most {MAX_ROWS} rows and {MAX_BYTES / 1e6:.0f} MB are read")
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise fault(f"is not UTF-8 text ({error.reason} at byte {error.start})") from None
-    reader = csv.reader(text.splitlines())
-    try:
-        lines = [(reader.line_num, row) for row in reader if row]
-    except csv.Error as error:
-        raise fault(f"line {reader.line_num}: {error}") from None
     scales = _header(lines[0][1] if lines else [], word, dimension, fault)
     rows: list[tuple[float, float]] = []
     for number, row in lines[1:]:

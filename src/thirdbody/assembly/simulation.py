@@ -6,13 +6,13 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from thirdbody import units
 from thirdbody.assembly.bed import Bed, SpeedScale, at_computed_speed, bed_of, fast_bed_warnings, refuse_scale, speed_scale
-from thirdbody.assembly.cautions import cautions, motion_warnings, parts, similarity_warnings
+from thirdbody.assembly.cautions import Expected, motion_warnings, similarity_warnings
 from thirdbody.assembly.initial_relaxation import RelaxedStart, relax_start
 from thirdbody.assembly.integrator import Plan, examine_inertia, implicit, plan, units_of
 from thirdbody.assembly.physics import CompiledPhysics, compile_physics
@@ -138,13 +138,10 @@ class Simulation:
         """Return the time [s] in the scene as it was given, at a computed time; they are the same until the end of settling."""
         return time if time <= self.settle else self.settle + (time - self.settle) * self.time_scale
 
-    def cautions(self) -> list[str]:
-        """Return what `check` warns of besides: effects that are off and would matter, by the state at the start."""
-        return cautions(self.scene, self.choice, self.state, self.upper, self.planned_time)
-
-    def parts(self) -> list[dict[str, Any]]:
-        """Return every effect and component, whether it is on, and why."""
-        return parts(self.scene, self.choice, self.state, self.upper, self.planned_time)
+    @property
+    def expected(self) -> Expected:
+        """What the state at the start leads to expect: `warnings` that `check` gives besides, and `parts`, on or off and why."""
+        return Expected(self.scene, self.choice, self.state, self.upper, self.planned_time)
 
     @property
     def announcement(self) -> list[str]:

@@ -3,8 +3,7 @@ touch at several points?"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,7 +15,7 @@ from thirdbody.scene.model import Scene
 from thirdbody.scene.surfaces import SIDES, Groove, SelfAffine, Sine, SurfaceFile, Waves, spacing_of
 from thirdbody.schema.parts import key_location
 from thirdbody.surfaces import grid
-from thirdbody.surfaces.grid import GrooveProfile, Spectrum, groove_heights, phases, self_affine, sine_heights
+from thirdbody.surfaces.grid import groove_heights, phases, self_affine, sine_heights
 from thirdbody.surfaces.reading import read_scan
 from thirdbody.surfaces.scan import ScanOptions, periodic_scan
 from thirdbody.surfaces.statistics import Statistics
@@ -53,10 +52,13 @@ def plate_surfaces(scene: Scene) -> dict[str, Surface]:
         if given is None:
             continue
         try:
-            with _faults_of(scene, side):
-                surfaces[side] = _surface(scene, given, SIDES.index(side))
+            surfaces[side] = _surface(scene, given, SIDES.index(side))
         except InputError as error:
-            faults += error.faults
+            for fault in error.faults:
+                key = fault.key if fault.key.partition(".")[0] in type(given).model_fields else "file"
+                text = fault.message if key == fault.key else str(fault._replace(file=None))
+                message = f"{fault.file}: {text}" if fault.file else text
+                faults.append(scene.fault(("plates", side, "surface", *key_location(key)), message))
     if faults:
         raise InputError(faults)
     return surfaces
@@ -92,8 +94,8 @@ def _surface(scene: Scene, given: SelfAffine | Waves | SurfaceFile, stream: int)
         return replace(periodic_scan(scan, size, options), curvature=given.curvature)
     shape = grid.grid_counts(size, spacing_of(given, size))
     if isinstance(given, SelfAffine):
-        spectrum = Spectrum(given.rms, given.hurst, given.long, given.short)
-        return Surface(self_affine(shape, size, spectrum, given.seed, stream), size, given.short, given.curvature)
+        heights = self_affine(shape, size, given.rms, given.hurst, given.long, given.short, given.seed, stream)
+        return Surface(heights, size, given.short, given.curvature)
     heights = about_mean_plane(sum(_wave_heights(wave, shape, size) for wave in given.wave))
     return Surface(heights, size, min(wave.shortest() for wave in given.wave), given.curvature)
 
@@ -103,21 +105,7 @@ def _wave_heights(wave: Sine | Groove, shape: tuple[int, int], size: Size):
     phase = phases(shape, waves.along, wave.phase)
     if isinstance(wave, Sine):
         return sine_heights(phase, wave.amplitude)
-    return groove_heights(phase, GrooveProfile(wave.depth, wave.width, wave.run(), wave.corner(), waves.wavelength))
-
-
-@contextmanager
-def _faults_of(scene: Scene, side: str) -> Iterator[None]:
-    try:
-        yield
-    except InputError as error:
-        keys, faults = type(getattr(scene.plates, side).surface).model_fields, []
-        for fault in error.faults:
-            key = fault.key if fault.key.partition(".")[0] in keys else "file"
-            text = fault.message if key == fault.key else str(fault._replace(file=None))
-            message = f"{fault.file}: {text}" if fault.file else text
-            faults.append(scene.fault(("plates", side, "surface", *key_location(key)), message))
-        raise InputError(faults) from None
+    return groove_heights(phase, wave.depth, wave.width, wave.run(), wave.corner(), waves.wavelength)
 
 
 @dataclass(frozen=True)

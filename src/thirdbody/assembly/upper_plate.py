@@ -6,22 +6,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thirdbody import units
 from thirdbody.assembly.initial_relaxation import UNLOADED_OVERLAP
 from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.assembly.placement import CLEARANCE
-from thirdbody.assembly.plate_load import Pressing, direct_contact, narrow_gap_warning, pressing_warnings, refuse_crushing
+from thirdbody.assembly.plate_load import direct_contact, limit_words, narrow_gap_warning, times
 from thirdbody.assembly.populate import plate_heights, sphere_centres
 from thirdbody.assembly.schedule import first_load, schedule
+from thirdbody.engine.guards import OVERLAP_GUARD
 from thirdbody.engine.placed import Placed
 from thirdbody.engine.upper_plate import Foundation, GapLaw, PatchedPlate
 from thirdbody.errors import InputError
 from thirdbody.kernels.tables import ONLY_LOWER
+from thirdbody.laws.hertz import yield_limit
 from thirdbody.scene.model import Scene
-from thirdbody.statics.contacts import overlap_at, response
+from thirdbody.statics.contacts import load_at, overlap_at, response
 from thirdbody.surfaces.surface import Surface
+from thirdbody.units import pretty
 
 Array = np.ndarray
+
+MAX_HERTZ_OVERLAP = 0.1
+"""Overlap over sphere radius above which Hertz' theory is only approximate: the contact radius is 0.3 of the radius."""
 
 HANDFUL = 3
 """Largest number of loaded bodies, of a larger layer, with a warning: a rigid parallel plate rests on few stiff bodies."""
@@ -97,8 +102,8 @@ class _Layer:
         remaining = UNLOADED_OVERLAP * self.radius[tallest] if scene.solver.initial_overlap == "relax" else 0.0
         if self.top[tallest] > gap * (1.0 + 2.0 * CLEARANCE) + remaining:
             message = (
-                f"{units.pretty(gap, 'length')} is smaller than body {tallest}, which is "
-                f"{units.pretty(float(self.top[tallest]), 'length')} tall: it would start inside the plate; "
+                f"{pretty(gap, 'length')} is smaller than body {tallest}, which is "
+                f"{pretty(float(self.top[tallest]), 'length')} tall: it would start inside the plate; "
                 f"solver.initial_overlap = '{scene.solver.initial_overlap}'"
             )
             raise InputError(scene.fault(("plates", "upper", "gap"), message))
@@ -116,9 +121,8 @@ class _Layer:
         n, load = len(self.top), self.load
         loads, mass = np.full(n, load), np.full(n, self.plate.mass or self.mass.mean())
         overlap, dashpot = self._pressed(np.arange(n), loads, mass)
-        pressing = Pressing(np.full(n, load * self.largest), self.radius, self.kind)
-        refuse_crushing(self.scene, self.choice, pressing, load * self.largest)
-        self.warnings += pressing_warnings(self.choice, pressing, overlap)
+        self.refuse_crushing(np.arange(n), load * self.largest)
+        self._warn_pressed(np.arange(n), np.full(n, load * self.largest), overlap)
         settle = self._settle(mass, dashpot, load)
         self._warn_dashpot(settle, dashpot)
         heights = self.top + CLEARANCE * self.radius
@@ -133,15 +137,15 @@ class _Layer:
         loads, mass = np.full(1, load), np.full(1, self.plate.mass or self.mass.sum())
         overlap, dashpot = self._pressed(tallest, loads, mass)
         if direct is None:
-            refuse_crushing(self.scene, self.choice, Pressing(np.full(n, maximum), self.radius, self.kind), maximum, n)
+            self.refuse_crushing(np.arange(n), maximum, n)
         # contacts of the bodies that share the load, if the bodies did not move
         level = self._level(self._force, maximum)
         force, carried = self._force(level), maximum - (direct.force(level) if direct else 0.0)
         on = np.flatnonzero(force > 0.0) if np.any(force > 0.0) else tallest
         fraction = force[on] * (carried / force[on].sum()) if force[on].sum() > 0.0 else np.full(1, max(carried, 0.0))
-        pressing = Pressing(fraction, self.radius[on], self.kind[on])
-        common = pressing.overlap(self.choice)
-        self.warnings += pressing_warnings(self.choice, pressing, common) + narrow_gap_warning(direct, level)
+        common = overlap_at(self.choice.physics, fraction, self.radius[on], self.kind[on])
+        self._warn_pressed(on, fraction, common)
+        self.warnings += narrow_gap_warning(direct, level)
         height, loaded = self.top[tallest] + CLEARANCE * self.radius[tallest], 0
         if direct is not None and direct.gap(load) > height[0]:  # no body touches the plate
             height = np.full(1, direct.gap(load))
@@ -158,7 +162,7 @@ class _Layer:
         self._warn_dashpot(settle, dashpot)
         patch, motion = np.zeros(n, np.int64), schedule(self.scene, settle)
         plate = PatchedPlate(self.material, height, mass, dashpot, loads, True, patch, motion, direct=direct)
-        shared_overlap = float(np.max(common / pressing.radius))
+        shared_overlap = float(np.max(common / self.radius[on]))
         return Upper(plate, settle, float(overlap[0] / self.radius[tallest[0]]), loaded, shared_overlap)
 
     def on_foundation(self) -> Upper:
@@ -176,11 +180,10 @@ class _Layer:
         on, largest = np.flatnonzero(carried), np.array([int(np.argmax(carried))])
         mass, load_fraction = np.full(n, given.mass or self.mass.mean()), np.maximum(carried[largest], 1e-300)
         overlap, dashpot = self._pressed(largest, load_fraction, mass[:1])
-        pressing = Pressing(load_fraction * self.largest, self.radius[largest], self.kind[largest])
-        refuse_crushing(self.scene, self.choice, pressing, float(pressing.load[0]))
+        self.refuse_crushing(largest, float(load_fraction[0] * self.largest))
         if len(on):
-            pressing = Pressing(carried[on] * self.largest, self.radius[on], self.kind[on])
-            self.warnings += pressing_warnings(self.choice, pressing, pressing.overlap(self.choice))
+            loads = carried[on] * self.largest
+            self._warn_pressed(on, loads, overlap_at(self.choice.physics, loads, self.radius[on], self.kind[on]))
         total, whole = float(mass.sum()), n * stiffness + (load / direct.length if direct else 0.0)
         common = Foundation(stiffness, height, total, 2.0 * math.sqrt(whole * total), load, free=given.gap is None)
         settle = 0.0  # a plate that has not come down yet presses on no body
@@ -209,6 +212,54 @@ class _Layer:
             message = "needs a value: the normal law has no tangent to find the critical damping from"
             raise InputError(self.scene.fault(("plates", "upper", "damping"), message))
         return max_overlap, 2.0 * np.sqrt(stiffness * mass)
+
+    def refuse_crushing(self, who: Array, load: float, n_sharing: int = 1) -> None:
+        """Raise InputError if even the strongest contacts of these bodies would exceed the guard's overlap.
+
+        `load` [N] is the value in the scene; `n_sharing` bodies carry it together at best.
+        """
+        radius = self.radius[who]
+        forces = response(self.choice.physics, OVERLAP_GUARD * radius, radius, self.kind[who]).force
+        allowed = float(forces.min()) if n_sharing == 1 else float(forces.mean()) * n_sharing
+        if load <= allowed:
+            return
+        key = next(key for key in ("load", "pressure", "gap") if getattr(self.plate, key) is not None)  # of the largest load
+        on = "each body" if n_sharing == 1 else f"all {n_sharing} bodies together"
+        message = (
+            f"adhesion alone presses contacts in by more than {OVERLAP_GUARD:g} of the radius, where the overlap guard stops a "
+            "run, under any load; lower the work of adhesion, or take stiffer or larger bodies"
+            if allowed <= 0.0
+            else f"{pretty(load, 'force')} on {on} would press contacts in by more than {OVERLAP_GUARD:g} of the radius, where "
+            f"the overlap guard stops a run; allowed: at most {pretty(allowed, 'force')} on {on}, or stiffer or larger bodies"
+        )
+        raise InputError(self.scene.fault(("plates", "upper", key), message))
+
+    def _warn_pressed(self, who: Array, load: Array, overlap: Array) -> None:
+        """Warn of deep contacts, and of peak pressures above first yield by pair of materials, under loads (n,) [N]."""
+        radius, kind, physics = self.radius[who], self.kind[who], self.choice.physics
+        depth = overlap / radius
+        deepest = int(np.argmax(depth))
+        if depth[deepest] > MAX_HERTZ_OVERLAP:
+            self.warnings.append(
+                f"expected overlap {depth[deepest]:.2g} of the radius under {pretty(float(load[deepest]), 'force')}: Hertz' "
+                f"theory is for small contacts (below {MAX_HERTZ_OVERLAP:g}), and a run stops at {OVERLAP_GUARD:g}; lower the "
+                "load or use stiffer bodies"
+            )
+        if physics.loss == "plastic":
+            return
+        pressure = response(physics, overlap, radius, kind).pressure
+        for k, pair in enumerate(self.choice.pairs):
+            here, limit = np.flatnonzero(kind == k), yield_limit(pair.a, pair.b)
+            worst = here[[np.argmax(pressure[here])]] if len(here) else here
+            if not np.any(pressure[worst] > limit.pressure):
+                continue
+            peak, allowed = float(pressure[worst[0]]), load_at(physics, np.array([limit.pressure]), radius[worst], kind[worst])
+            self.warnings.append(
+                f"{pair.a.name}/{pair.b.name}: expected peak pressure {pretty(peak, 'pressure')}, {times(peak / limit.pressure)} "
+                f"{limit_words(limit.material, limit.pressure, limit.strength, limit.assumed)}; contacts are computed as elastic "
+                f"all the same; below it: at most {pretty(float(allowed[0]), 'force')} on such a contact; "
+                "[effects.elastic_plastic] lets them flow"
+            )
 
     def _force(self, z: float) -> Array:
         """Return the normal force (n,) [N] of a plate at height z [m]."""

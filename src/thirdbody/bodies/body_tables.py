@@ -1,7 +1,5 @@
 """Bodies from a table of spheres, CSV (units in its header) or NPZ (SI, plain numbers only)."""
 
-import csv
-import io
 import math
 import re
 from collections.abc import Mapping
@@ -13,7 +11,7 @@ import numpy as np
 from thirdbody import units
 from thirdbody.bodies.clump import Clump, clump_with_frame, repeated_spheres
 from thirdbody.errors import Fault, InputError, nearest
-from thirdbody.input_files import LARGEST, MAX_ROWS, SHOWN, SMALLEST, is_number, npz_arrays, read_bytes, refuse
+from thirdbody.input_files import LARGEST, MAX_ROWS, SHOWN, SMALLEST, csv_lines, is_number, npz_arrays, read_bytes, refuse
 from thirdbody.rotations import quaternion_product
 
 SUFFIXES = (".csv", ".npz")
@@ -193,11 +191,7 @@ def _read_csv(file: str, data: bytes) -> _Table:
         raise InputError(Fault("", message, file))
     if (count := data.count(b"\n") - 1) > MAX_ROWS:
         raise InputError(Fault("", f"has {count} rows, at most {MAX_ROWS} spheres are read from one file", file))
-    reader = csv.reader(io.StringIO(_text(file, data), newline=""), strict=True)
-    try:
-        rows = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
-    except csv.Error as error:
-        raise InputError(Fault("", f"is no CSV table from here on ({error})", file, reader.line_num)) from None
+    rows = csv_lines(file, data)
     if not rows:
         raise InputError(Fault("", f"is empty: the first line names the columns, such as {_EXAMPLE}", file))
     columns = _header(file, *rows[0])
@@ -220,19 +214,6 @@ def _read_csv(file: str, data: bytes) -> _Table:
     refuse(faults)
     center = np.column_stack([values[axis] for axis in "xyz"])
     return _Table(file, center, values["radius"], values["clump"], ids, per_body, lines)
-
-
-def _text(file: str, data: bytes) -> str:
-    if b"\0" in data[:4096]:
-        wide = data[:2] in (b"\xff\xfe", b"\xfe\xff")
-        what = "is UTF-16 text; save it as UTF-8" if wide else "holds binary data, not the text of a CSV table"
-        raise InputError(Fault("", what, file))
-    try:
-        return data.decode("utf-8-sig")  # spreadsheets begin their UTF-8 with a byte order mark
-    except UnicodeDecodeError as error:
-        line = data[: error.start].count(b"\n") + 1
-        message = f"byte 0x{data[error.start]:02x} is not UTF-8 text; save the table as CSV in UTF-8"
-        raise InputError(Fault("", message, file, line)) from None
 
 
 def _header(file: str, line: int, titles: list[str]) -> list[_Column]:
@@ -336,16 +317,19 @@ def _read_npz(file: str, data: bytes) -> _Table:
         message = "holds no spheres" if shape == (0,) else f"has shape {shape}, expected (n,): one id for each sphere"
         raise InputError(Fault("clump", message, file))
     n, ids = shape[0], np.unique(arrays["clump"])
-    _refuse_shapes(file, arrays, {"center": (n, 3), "radius": (n,)}, f"clump names {n} spheres")
-    per_body = {name: (len(ids), width) for name, width in _PER_BODY.items()}
-    _refuse_shapes(file, arrays, per_body, f"clump names {len(ids)} bodies, in the order of rising ids")
+    shapes = {"center": (n, 3), "radius": (n,), "clump": (n,)} | {name: (len(ids), width) for name, width in _PER_BODY.items()}
+    why = f"clump names {n} spheres", f"clump names {len(ids)} bodies, in the order of rising ids"
+    refuse(
+        Fault(name, f"has shape {array.shape}, expected {shapes[name]}: {why[name in _PER_BODY]}", file)
+        for name, array in arrays.items()
+        if array.shape != shapes[name]
+    )
     faults, total = [], 0
     for name, array in arrays.items():
         indices = np.argwhere(~np.isfinite(array))
         total += len(indices)
-        for index in indices[:SHOWN]:
-            spot = ", ".join(str(k) for k in index)
-            faults.append(Fault(f"{name}[{spot}]", f"{array[tuple(index)]} is not a finite number", file))
+        for index in indices[:SHOWN].tolist():
+            faults.append(Fault(f"{name}{index}", f"{array[tuple(index)]} is not a finite number", file))
     rules = (("radius", np.less_equal, "{:g} m must be greater than 0"), ("clump", np.less, "{} must be at least 0"))
     for name, beyond, message in rules:
         rows = np.flatnonzero(beyond(arrays[name], 0))
@@ -354,11 +338,3 @@ def _read_npz(file: str, data: bytes) -> _Table:
     refuse(faults, total)
     floats = {name: array.astype(np.float64) for name, array in arrays.items() if name != "clump"}
     return _Table(file, floats.pop("center"), floats.pop("radius"), arrays["clump"], ids, floats)
-
-
-def _refuse_shapes(file: str, arrays: Mapping[str, np.ndarray], wanted: Mapping[str, tuple[int, ...]], why: str) -> None:
-    refuse(
-        Fault(name, f"has shape {arrays[name].shape}, expected {shape}: {why}", file)
-        for name, shape in wanted.items()
-        if name in arrays and arrays[name].shape != shape
-    )

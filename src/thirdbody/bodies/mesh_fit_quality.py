@@ -1,7 +1,6 @@
 """Quality of the fit of a clump to a mesh: distances in both directions, and radii of curvature."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -27,13 +26,6 @@ _MIN_POINTS = 10
 _ONE_SIDE = 0.2
 
 
-class Distances(NamedTuple):
-    """Distances from points on one surface to another surface, over R."""
-
-    rms: float
-    maximum: float
-
-
 def union_samples(centers, radii, count: int, rng: np.random.Generator) -> np.ndarray:
     """Return about `count` points (k, 3) sampled by area on the surface of the union of spheres."""
     number = count
@@ -47,8 +39,8 @@ def union_samples(centers, radii, count: int, rng: np.random.Generator) -> np.nd
     return free
 
 
-def distances(mesh: Mesh, centers, radii, rng: np.random.Generator) -> tuple[Distances, Distances]:
-    """Return distances from the mesh to the union of spheres and vice versa, all in units of R."""
+def distances(mesh: Mesh, centers, radii, rng: np.random.Generator) -> tuple[float, float]:
+    """Return the rms and the largest distance from the mesh to the union of spheres or back, the larger ones, over R."""
     points, _, _ = surface_samples(mesh, _MEASURED, rng)
     union = union_samples(centers, radii, _TARGETS, rng)
     target, _, face = surface_samples(mesh, _TARGETS, rng)
@@ -57,8 +49,7 @@ def distances(mesh: Mesh, centers, radii, rng: np.random.Generator) -> tuple[Dis
     corners = distance_to_union(mesh.vertices, centers, radii, union)
     some = union[:: max(1, len(union) // _MEASURED)]
     back = np.linalg.norm(nearest_points(some, mesh, target, face) - some, axis=1)
-    rms, back_rms = math.sqrt((there**2).mean()), math.sqrt((back**2).mean())
-    return Distances(rms, float(max(there.max(), corners.max()))), Distances(back_rms, float(back.max()))
+    return math.sqrt(max((there**2).mean(), (back**2).mean())), float(max(there.max(), corners.max(), back.max()))
 
 
 def distance_to_union(points, centers, radii, union: np.ndarray) -> np.ndarray:

@@ -98,10 +98,10 @@ def clump_from_mesh(mesh: Mesh, n_spheres: int | None, seed: int = 0) -> tuple[C
     for centers, radii in _fits(unit, n_spheres or DEFAULT, seed):
         rng = np.random.default_rng(seed)
         volume = union_volume(centers, radii) / (4.0 / 3.0 * np.pi)
-        there, back = distances(unit, centers, radii, rng)
+        rms, maximum = distances(unit, centers, radii, rng)
         reach = (centers + radii[:, None]).max(axis=0) - (centers - radii[:, None]).min(axis=0)
         extents = reach / np.ptp(unit.vertices, axis=0)
-        far, rms, parts = extents.max(), max(there.rms, back.rms), _tree(centers, radii)[1] > 1.0
+        far, parts = extents.max(), _tree(centers, radii)[1] > 1.0
         if not parts and rms <= RMS and VOLUME[0] <= volume <= VOLUME[1] and far <= EXTENT:
             break
         what = f"have {volume:.3g} times its volume, reach {far:.3g} times as far and are {100.0 * rms:.2g} % of R off"
@@ -123,7 +123,7 @@ def clump_from_mesh(mesh: Mesh, n_spheres: int | None, seed: int = 0) -> tuple[C
     body = Clump(centers * size, radii * size, mass.volume, mass.inertia, mass.error)
     if len(_cache) == _MAX_CACHED:
         _cache.clear()
-    maximum, frame = max(there.maximum, back.maximum), quaternion_from_matrix(mass.axes)
+    frame = quaternion_from_matrix(mass.axes)
     _cache[key] = body, Fit(size, rms, maximum, volume, extents, ratio, mass.centroid, frame)
     return _cache[key]
 

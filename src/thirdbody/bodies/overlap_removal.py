@@ -154,15 +154,6 @@ def _advance(X, Q, V, step, lever, longest):
         store(Q, b, 0, rotate_small(load(Q, b, 0), set4(rotation * V[b, 3], rotation * V[b, 4], rotation * V[b, 5], 0.0)))
 
 
-@njit(**CHUNK)
-def _moved_beyond(S, S0, skin):
-    for i in range(S.shape[0]):
-        d_x, d_y, d_z = S[i, 0] - S0[i, 0], S[i, 1] - S0[i, 1], S[i, 2] - S0[i, 2]
-        if d_x * d_x + d_y * d_y + d_z * d_z > skin * skin:
-            return True
-    return False
-
-
 @njit(**OPTIONS)
 def relax(bodies, motion, scale, own, partner, walls, limit):
     """Remove overlaps of rigid bodies by FIRE (with both corrections of Guenole et al. 2020); return (`RemovalOutcome`, steps).
@@ -211,8 +202,10 @@ def relax(bodies, motion, scale, own, partner, walls, limit):
                 V[b, c] = (1.0 - memory[ALPHA]) * (V[b, c] + memory[DT] * F[b, c]) + mixed * F[b, c]
         _advance(X, Q, V, memory[DT], lever, 0.1)
         pose(X, Q, bodies, scale)
-        if _moved_beyond(bodies.S, S0, 0.5 * _SKIN):
-            return RemovalOutcome.MOVED, step + 1
+        for i in range(S0.shape[0]):
+            d_x, d_y, d_z = bodies.S[i, 0] - S0[i, 0], bodies.S[i, 1] - S0[i, 1], bodies.S[i, 2] - S0[i, 2]
+            if d_x * d_x + d_y * d_y + d_z * d_z > 0.25 * _SKIN * _SKIN:
+                return RemovalOutcome.MOVED, step + 1
     return RemovalOutcome.SPENT, limit
 
 

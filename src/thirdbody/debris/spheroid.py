@@ -76,15 +76,8 @@ def _graded(steps: np.ndarray, squared: float) -> np.ndarray:
     return np.interp(steps, distance / distance[-1], u)
 
 
-class Corrugation(NamedTuple):
-    """Largest gap between spheroid and spheres over the volume-equivalent radius, and angle between their normals [rad]."""
-
-    height: float
-    angle: float
-
-
-def corrugation(form: str, axial_ratio: float, spheres: int) -> Corrugation:
-    """Return the largest distance from the spheroid to the union of its spheres, and the largest angle between their normals.
+def corrugation(form: str, axial_ratio: float, spheres: int) -> tuple[float, float]:
+    """Return the largest gap between spheroid and spheres over the equivalent radius, and angle between their normals [rad].
 
     Measured at points of a meridian (prolate) or of a twelfth of the surface (oblate), to some 1e-3 of their values.
     """
@@ -92,7 +85,7 @@ def corrugation(form: str, axial_ratio: float, spheres: int) -> Corrugation:
 
     built = layout(form, axial_ratio, spheres)
     if spheres == 1:
-        return Corrugation(0.0, 0.0)
+        return 0.0, 0.0
     if form == "prolate":
         t = np.linspace(0.0, math.pi, 64 * spheres + 1)
         points = np.column_stack((np.cos(t), axial_ratio * np.sin(t), np.zeros_like(t)))
@@ -109,7 +102,7 @@ def corrugation(form: str, axial_ratio: float, spheres: int) -> Corrugation:
         cosine[nearer] = np.einsum("ij,ij->i", away, normals)[nearer] / distance[nearer]
         gap = np.minimum(gap, distance - radius)
     cosine /= np.linalg.norm(normals, axis=1)
-    return Corrugation(float(gap.max()) / built.equivalent_radius, float(np.arccos(np.minimum(cosine, 1.0)).max()))
+    return float(gap.max()) / built.equivalent_radius, float(np.arccos(np.minimum(cosine, 1.0)).max())
 
 
 def in_one_piece(form: str, axial_ratio: float, spheres: int) -> bool:

@@ -75,12 +75,13 @@ def check_report(built: Simulation) -> dict[str, Any]:
 
     Trials advance the simulation (`runner.outlook`): it cannot be run afterwards.
     """
-    at_start, warnings = _report_at_start(built), [*built.warnings, *built.cautions()]
+    expected = built.expected
+    at_start, warnings = _report_at_start(built, expected.parts()), [*built.warnings, *expected.warnings()]
     costs = outlook(built)
     return {**at_start, **costs, "warnings": [*costs["warnings"], *warnings]}
 
 
-def _report_at_start(built: Simulation) -> dict[str, Any]:
+def _report_at_start(built: Simulation, parts: list[dict[str, Any]]) -> dict[str, Any]:
     choice, state = built.choice, built.state
     return {
         "title": built.scene.title,
@@ -103,7 +104,7 @@ def _report_at_start(built: Simulation) -> dict[str, Any]:
             }
             for pair, row in zip(choice.pairs, choice.rows, strict=True)
         ],
-        "parts": built.parts(),
+        "parts": parts,
         "effects": {
             "on": [{"effect": effect.name, "source": effect.source} for effect in choice.other_effects],
             "debris_contact": debris_contact(built),

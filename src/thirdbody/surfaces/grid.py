@@ -68,34 +68,25 @@ def grid_counts(size: tuple[float, float], spacing: tuple[float, float]) -> tupl
     return n_y, n_x
 
 
-class Spectrum(NamedTuple):
-    """Of random self-affine heights (Persson et al. 2005, J. Phys.: Condens. Matter 17:R1).
+def self_affine(
+    shape: tuple[int, int], size: tuple[float, float], rms: float, hurst: float, long: float, short: float, seed: int, stream: int
+) -> np.ndarray:  # fmt: skip
+    """Return random self-affine heights (n_y, n_x) [m] (Persson et al. 2005, J. Phys.: Condens. Matter 17:R1).
 
-    Rms height [m], Hurst exponent, and the wavelengths [m] between which the power falls as q^(-2 - 2 H).
-    """
-
-    rms: float
-    hurst: float
-    long: float
-    short: float
-
-
-def self_affine(shape: tuple[int, int], size: tuple[float, float], spectrum: Spectrum, seed: int, stream: int) -> np.ndarray:
-    """Return heights (n_y, n_x) [m] with random phases, the root of their mean square equal to the given one.
-
+    Rms height [m], Hurst exponent, and the wavelengths [m] between which the power falls as q^(-2 - 2 H); phases are random.
     A phase belongs to its wave: waves are sorted by their wavenumber and take the phases in this order, so that another grid
     leaves the surface as it is, and a shorter short wavelength adds waves to it. `stream` tells the surfaces of one seed apart.
     """
     # the waves of the domain, one of each conjugate pair, by rising wavenumber
-    m_max, n_max = int(size[0] / spectrum.short), int(size[1] / spectrum.short)
+    m_max, n_max = int(size[0] / short), int(size[1] / short)
     m, n = (wave.ravel() for wave in np.meshgrid(np.arange(-m_max, m_max + 1), np.arange(n_max + 1), indexing="ij"))
     square = (m / size[0]) ** 2 + (n / size[1]) ** 2
-    inside = (square <= (1.0 + 1e-9) / spectrum.short**2) & ((n > 0) | (m > 0))
+    inside = (square <= (1.0 + 1e-9) / short**2) & ((n > 0) | (m > 0))
     m, n, square = m[inside], n[inside], square[inside]
     order = np.lexsort((m, n, square))
     m, n, q = m[order], n[order], np.sqrt(square[order])
-    amplitude = np.maximum(q, 1.0 / spectrum.long) ** (-1.0 - spectrum.hurst)
-    amplitude *= spectrum.rms / np.sqrt(2.0 * np.sum(amplitude**2))  # a wave and its conjugate
+    amplitude = np.maximum(q, 1.0 / long) ** (-1.0 - hurst)
+    amplitude *= rms / np.sqrt(2.0 * np.sum(amplitude**2))  # a wave and its conjugate
     # raw bits of PCG64 are the same for every version of numpy
     bits = np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(stream,))).random_raw(len(q))
     waves = amplitude * np.exp(2j * np.pi * ((bits >> np.uint64(11)) * 2.0**-53))
@@ -103,16 +94,6 @@ def self_affine(shape: tuple[int, int], size: tuple[float, float], spectrum: Spe
     transform[n % shape[0], m % shape[1]] = waves
     transform[-n % shape[0], -m % shape[1]] = np.conj(waves)
     return np.ascontiguousarray(np.fft.ifft2(transform, norm="forward").real)
-
-
-class GrooveProfile(NamedTuple):
-    """Depth, width at the top, length of a flank along the plane, half a rounded corner, distance from groove to groove [m]."""
-
-    depth: float
-    width: float
-    flank: float
-    corner: float
-    period: float
 
 
 def phases(shape: tuple[int, int], waves: tuple[int, int], phase: float) -> np.ndarray:
@@ -126,13 +107,14 @@ def sine_heights(phase: np.ndarray, amplitude: float) -> np.ndarray:
     return amplitude * np.cos(2.0 * np.pi * phase)
 
 
-def groove_heights(phase: np.ndarray, profile: GrooveProfile) -> np.ndarray:
-    """Return heights of grooves [m], 0 on the land; the middle of a groove is at phase 0."""
-    x = ((phase + 0.5) % 1.0 - 0.5) * profile.period
-    top, half = 0.5 * profile.width, profile.corner
-    bottom = top - profile.flank
-    flanks = sum(_rounded_ramp(side - bottom, half) - _rounded_ramp(side - top, half) for side in (x, -x))
-    return np.asarray(profile.depth / profile.flank * flanks - profile.depth)
+def groove_heights(phase: np.ndarray, depth: float, width: float, flank: float, corner: float, period: float) -> np.ndarray:
+    """Return heights of grooves [m], 0 on the land; the middle of a groove is at phase 0.
+
+    Width at the top, length of a flank along the plane, half a rounded corner, distance from groove to groove [m].
+    """
+    x, top = ((phase + 0.5) % 1.0 - 0.5) * period, 0.5 * width
+    flanks = sum(_rounded_ramp(side - (top - flank), corner) - _rounded_ramp(side - top, corner) for side in (x, -x))
+    return np.asarray(depth / flank * flanks - depth)
 
 
 def _rounded_ramp(x: np.ndarray, half: float) -> np.ndarray:
