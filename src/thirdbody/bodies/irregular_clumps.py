@@ -33,8 +33,8 @@ _COVER = 4.0
 _CORED = 5
 # Candidate points per sphere or asperity, of which the farthest from those placed before is chosen (best candidate).
 _CANDIDATES = 12
-# Bodies with open random streams; largest size of a stack, spheres cubed times bodies, which takes some 30 MB.
-_BLOCK, _LARGEST_STACK = 4096, 500_000
+# Bodies with open random streams; largest size of a stack, spheres cubed times bodies, which takes some 60 MB.
+_BLOCK, _LARGEST_STACK = 4096, 1_000_000
 # The radius of asperities depends on the size of the whole body, which they change: each iteration reduces the misfit
 # to less than this fraction (at most 0.5; 0.01 for small ones), so that rounding is reached long before the limit.
 _ROUNDS = 60
@@ -105,11 +105,12 @@ def population(
         built: dict[int, Clump] = {}
         with ThreadPoolExecutor(cores()) as pool:
             tasks = [
-                (members, pool.submit(_irregulars, [rngs[k] for k in members], n, aspect, wide[members], angularity))
+                (part, pool.submit(_irregulars, [rngs[k] for k in part], n, aspect, wide[part], angularity))
                 for n, members in reversed([*stacks(n_spheres, _LARGEST_STACK)])  # the dearest first
+                for part in np.array_split(members, min(cores(), len(members)))
             ]
-        for members, task in reversed(tasks):
-            built.update(zip(members.tolist(), task.result(), strict=True))
+        for part, task in reversed(tasks):
+            built.update(zip(part.tolist(), task.result(), strict=True))
         for k, rng in enumerate(rngs):
             body, diameter = built[k], float(wide[k])
             if asperities is not None:
