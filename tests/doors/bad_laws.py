@@ -7,6 +7,8 @@ from typing import NamedTuple
 from thirdbody import plugin
 from thirdbody.plugin import HERTZ, HERTZ_DAMPING, MINDLIN, Law, LawFamily, Plugin, e_star, g_star, helper, kernel
 
+mindlin_tangent = MINDLIN.tangent  # kernels call global functions
+
 
 class Scale(NamedTuple):
     scale: float
@@ -116,7 +118,7 @@ def fixed_area(c, p):
 @kernel
 def of_spheres(c, load, p, h):
     """The tangent of `mindlin` with da/dd = R/(2 a), whatever the normal law."""
-    return MINDLIN.tangent(c, plugin.Load(load.force, load.elastic, load.contact_radius, load.stiffness, c.radius), p, h)
+    return mindlin_tangent(c, plugin.Load(load.force, load.elastic, load.contact_radius, load.stiffness, c.radius), p, h)
 
 
 @kernel

@@ -121,7 +121,7 @@ def rate(built: Simulation, limit: float) -> float:
         return limit * built.planned_time / min(max(built.state.time, 1e-3 * built.planned_time), 0.999 * built.planned_time)
 
 
-def nudge(state: State, number: int) -> None:
+def nudge(state: State, number: int, size: float = NUDGE) -> None:
     """Displace all bodies along the plates and rotate them, at random; each `number` gives other displacements.
 
     How far runs from such starts part is how far any two runs of a scene can agree.
@@ -129,10 +129,10 @@ def nudge(state: State, number: int) -> None:
     from thirdbody.engine.state import refresh_spheres
 
     rng = np.random.default_rng(number)
-    shift = NUDGE * state.rayleigh_radius[:, None] * rng.standard_normal((state.n_bodies, 2))
+    shift = size * state.rayleigh_radius[:, None] * rng.standard_normal((state.n_bodies, 2))
     state.B[:, body.POSITION : body.POSITION + 2] += shift
     q = state.bodies.quaternion
-    q += NUDGE * rng.standard_normal(q.shape)
+    q += size * rng.standard_normal(q.shape)
     q /= np.linalg.norm(q, axis=1)[:, None]
     refresh_spheres(state)
 
