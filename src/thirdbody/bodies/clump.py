@@ -132,7 +132,7 @@ def clump_with_frame(centers, radii) -> tuple[Clump, np.ndarray, np.ndarray]:
 def stacks(sizes: Sequence[int] | np.ndarray, margin: int) -> Iterator[tuple[int, np.ndarray]]:
     """Yield sphere count n and members (m,) of stacks of bodies with n spheres each, of at most margin / n^3 bodies.
 
-    The margin keeps tables over triples of spheres in the cache and bounds the memory.
+    The margin bounds the memory of tables over triples of spheres.
     """
     sizes = np.asarray(sizes)
     for n in np.unique(sizes):

@@ -279,8 +279,8 @@ def _checked_files() -> tuple[Any, Any]:
 def _check_files() -> None:
     """Make numba use checked files for every function that it caches from now on; OutputError tells of those it cannot write.
 
-    numba imports what its compiler needs before it reads the first file: a tenth of a start. Compiled code needs some addresses
-    of it, which are given here, and one of what else the compiler knows."""
+    numba imports all of its compiler before it reads the first file, a tenth of a start. Compiled code needs only addresses of
+    the runtime for arrays, which are given here; code that hashes text needs one more, so for it the compiler is imported."""
     import numba
     from llvmlite import binding
     from numba.core import caching, dispatcher
