@@ -5,12 +5,12 @@ makes the page of these and of the first lines of each scene."""
 
 import hashlib
 import json
+import re
 import resource
 import shlex
 import subprocess
 import sys
 import tempfile
-from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -46,7 +46,7 @@ ENTRIES = {
     "mixed_population": Entry(f"{RENDER} --color population --forces"),
     "fretting": Entry("plot RUN -o PICTURE --panel loop"),
     "fretting_rig": Entry("plot RUN -o PICTURE --panel loop", "--set debris.0.count=200"),
-    "wear_map": Entry("render RUN -o PICTURE --plate lower --color wear_depth --cycles 1000 --width 800 --height 500"),
+    "wear_map": Entry(f"{RENDER} --plate lower --color wear_depth --cycles 1000 --height 500"),
     "rough_plates": Entry(),
     "sticky_submicron": Entry(f"{RENDER} --color agglomerate --view side"),
     "dense_layer": Entry(f"{RENDER} --forces --view side"),
@@ -161,25 +161,41 @@ def header(name: str) -> tuple[str, str]:
 
 def gallery() -> str:
     measured = json.loads(RESULTS.read_text(encoding="utf-8"))
-    rows = ["| scene | question | processor time |", "| --- | --- | --- |"]
-    for name in ENTRIES:
-        question = header(name)[0]
-        rows.append(f"| [`{name}`](#{name.replace('/', '')}) | {question} | {measured[name]['seconds']:.0f} s |")
-    return "\n".join(rows) + "\n\n" + "\n\n".join(_section(name, measured[name]) for name in ENTRIES)
+    index = ", ".join(f"[`{name}`](#{name.replace('/', '')})" for name in ENTRIES)
+    return f"{index}.\n\n" + "\n\n".join(_section(name, measured[name]) for name in ENTRIES)
 
 
 def _section(name: str, measured: dict[str, Any]) -> str:
     question, text = header(name)
-    parts = [f"## {name}", f"**{question}**", f"![{question}](pictures/{picture(name).name})", text]
-    if ENTRIES[name].settings:
-        parts.append(f"Picture and numbers are of a shorter run: `{ENTRIES[name].settings}`.")
-    long = f"{measured['seconds']:.0f} s" * (measured["seconds"] > QUICK)
-    for why, lines in groupby(commands(name), key=lambda line: long or "pictures need OpenGL" * (" render " in line)):
-        parts.append((f"<!-- not run: {why} -->\n" if why else "") + "```sh\n" + "\n".join(lines) + "\n```")
-    rows = [f"| {key} | {value} |" for key, value in measured.items() if key not in ("scene", "seconds")]
-    if rows:
-        parts.append("| to expect | |\n| --- | --- |\n" + "\n".join(rows))
-    return "\n\n".join(parts)
+    entry, results = ENTRIES[name], _results(measured)
+    answer = re.sub(r"Expect: (\w)", lambda found: found[1].upper(), text)
+    parts = [f"## {name}", f"**{question.partition(' (')[0]}**", f"![{name}](pictures/{picture(name).name})", answer]
+    # running and drawing as at the top of the page is not repeated
+    standard = entry.draw.startswith(RENDER)
+    options = entry.draw.removeprefix(RENDER).strip() if standard else ""
+    lines = commands(name)[: 1 if standard else None] if entry.settings or not standard else []
+    if lines:
+        long = f"<!-- not run: {measured['seconds']:.0f} s -->\n" if measured["seconds"] > QUICK else ""
+        parts.append(long + "```sh\n" + "\n".join(lines) + "\n```")
+    last = ["This shorter run:" * bool(entry.settings), results, f"Drawn with `{options}`." * bool(options)]
+    return "\n\n".join([*parts, " ".join(filter(None, last))]).rstrip()
+
+
+def _results(measured: dict[str, Any]) -> str:
+    """Return a line on what a run or a sweep gave; results.json has all of it."""
+    seconds = f"{measured['seconds']:.0f} s"
+    if "points" in measured:
+        points = f"{measured['points'].partition(',')[0]} points, {seconds}"
+        return f"{points}: {measured['boundary']}." if "boundary" in measured else f"{points}."
+    if "particles" not in measured:
+        return ""
+    verdict, _, why = measured["trend"].partition(": ")
+    trend = "no clear trend" if why.startswith("its scatter") else verdict.partition(" over ")[0]
+    energy, loads = (measured.get(key, "") for key in ("energy per cycle", "share of the load"))
+    states = ", ".join(text for text in measured["states at the end"].split(", ") if not text.startswith("0."))
+    parts = [f"friction {measured['friction coefficient']}, {trend}", energy and f"{energy} per cycle", states]
+    particles = f"{measured['particles']} particle{'s' * (measured['particles'] != '1')}"
+    return f"{particles}, {seconds}: {'; '.join(filter(None, [*parts, loads and f'load on {loads}']))}."
 
 
 def main(names: list[str]) -> None:
