@@ -3,172 +3,143 @@
 A page marks a part by `<!-- generated: NAME -->` and `<!-- end -->`; `PARTS[NAME]()` gives the text between them."""
 
 import ast
-import inspect
 import re
-from collections.abc import Callable, Iterable, Sequence
-from itertools import groupby
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 
 from gallery import gallery
 from pages import ROOT, pages
 from thirdbody.errors import EXIT_CODES
 from thirdbody.laws.registry import discover
-from thirdbody.report.reference import KEY_HEADINGS, NAME_HEADINGS, all_keys, all_names, key_rows, name_rows
+from thirdbody.report.reference import all_keys, all_names
+from thirdbody.scene.keys import SELECTORS, Key, table_keys
+from thirdbody.trajectory.names import SERIES
+from thirdbody.units import DIMENSIONS
 
 SOURCE = ROOT / "src" / "thirdbody"
 PART = re.compile(r"(<!-- generated: ([\w-]+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
-
-
-def _table(head: str, rows: list[str]) -> str:
-    return "\n".join([f"| {head} |", "|---" * (head.count("|") + 1) + "|", *rows])
+NOUNS = {dimension.si_unit: dimension.phrase.partition(" ")[2] for dimension in DIMENSIONS.values()}
+LONG = 40
+"""Letters of a default from which it is left to the text below the list."""
 
 
 def packages() -> str:
-    rows = []
+    rows = ["| package | what it holds |", "|---|---|"]
     for path in sorted(SOURCE.rglob("__init__.py")):
         name = ".".join(path.parent.relative_to(SOURCE).parts)
         docstring = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
         rows.append(f"| `{name or 'thirdbody'}` | {docstring.splitlines()[0] if docstring else ''} |")
-    return _table("package | what it holds", rows)
-
-
-def tables() -> str:
-    from thirdbody.kernels import close_spots, step_tables, tables, tile
-    from thirdbody.kernels.table import Table
-
-    modules = (tables, tile, step_tables, close_spots)
-    found = {name: value for module in modules for name, value in vars(module).items() if isinstance(value, Table)}
-    return "\n\n".join(f"### {name}\n\n{table.markdown()}" for name, table in sorted(found.items()))
+    return "\n".join(rows)
 
 
 def laws() -> str:
     from thirdbody.laws.contract import STAGES, STIFF
 
-    rows = []
-    for law in sorted(_registry().laws.values(), key=lambda law: (STAGES.index(law.stage), law.name)):
-        integrators = "explicit" if law.tangent is None and (law.stage in STIFF or law.reach) else "both"
-        rows.append(f"| `{law.name}` | {law.stage} | {_options(law)} | {integrators} | {law.source} |")
-    return _table("law | stage | options | integrators | source", rows)
+    items = []
+    registry = discover([ROOT / "plugins" / "dmt_adhesion.py"])
+    for law in sorted(registry.laws.values(), key=lambda law: (STAGES.index(law.stage), law.name)):
+        explicit = "explicit integrator only" if law.tangent is None and (law.stage in STIFF or law.reach) else ""
+        options = f"options {_codes(option.name for option in law.options)}" if law.options else ""
+        items.append(_item([law.name], [law.stage, options, explicit], law.source))
+    return "\n".join(items)
 
 
-def levels() -> str:
-    rows = []
-    for family in _registry().families.values():
-        for level, chain in family.levels.items():
-            default = ", the default" if level == family.default_level else ""
-            rows.append(f"| `{family.name}` | `{level}`{default} | {', '.join(f'`{law.name}`' for law in chain)} |")
-    return _table("family | level | laws", rows)
+def scene_keys() -> str:
+    """A heading for each table, or for several of the same keys; below it one for each kind, level or first key."""
+    tables: dict[str, list[Key]] = {}
+    for key in all_keys(discover()):
+        tables.setdefault(key.path.rpartition(".")[0], []).append(key)
+    headings: dict[str, list[str]] = {}
+    for path, keys in tables.items():
+        heading = f"[[{path}]]" if path in ("pairs", "debris") else f"[{path}]" if path else "Top of the file"
+        headings.setdefault(_table_of_keys(keys), []).append(heading)
+    return "\n\n".join(f"### {', '.join(same)}\n\n{text}" for text, same in headings.items())
 
 
-def effects() -> str:
-    rows = [f"| `{e.name}` | {_options(e)} | {e.source} |" for e in _registry().effects.values()]
-    return _table("effect | options | source", rows)
+def _table_of_keys(keys: list[Key]) -> str:
+    names = [key.path.rpartition(".")[2] for key in keys if not key.tables]
+    selector = next((name for name in (*SELECTORS, "level") if name in names), "")
+    kinds = list(dict.fromkeys(kind for key in keys for kind in key.tables))
+    parts = [_keys([key for key in keys if len(key.tables) != 1], kinds)]
+    for kind in kinds:
+        if text := _keys([replace(key, tables=()) for key in keys if key.tables == (kind,)]):
+            parts.append(f'#### `{selector} = "{kind}"`\n\n{text}' if selector else f"#### With `{kind}`\n\n{text}")
+    return "\n\n".join(filter(None, parts))
 
 
-def measures() -> str:
-    from thirdbody.laws.measures import layout_of
-
-    rows = []
-    for measure in _registry().measures.values():
-        layout = layout_of([measure])
-        names, maps = (", ".join(f"`{entry.name}`" for entry in entries) for entries in (layout.bodies, layout.maps))
-        rows.append(f"| `{measure.name}` | {_options(measure)} | {names} | {maps or '-'} | {measure.source} |")
-    return _table("measure | options | arrays of bodies | maps | source", rows)
-
-
-def kinds() -> str:
-    from thirdbody.debris.registry import DebrisKinds
-
-    rows = [f"| `{name}` | {_first_sentence(kind.__doc__)} |" for name, kind in DebrisKinds().usable().items()]
-    return _table("kind | what it makes", rows)
+def _keys(keys: Iterable[Key], kinds: Iterable[str] = ()) -> str:
+    """An item for each key, or for several that differ by their names only; with an example where a table or list is one."""
+    same: dict[Key, list[str]] = {}
+    for key in keys:
+        same.setdefault(replace(key, path=""), []).append(key.path.rpartition(".")[2])
+    return "\n".join(
+        _item(names, _facts(key, kinds), key.meaning, f"`{key.example}`" if re.search("table|list", key.value) else "")
+        for key, names in same.items()
+    )
 
 
-def law_data() -> str:
-    """What kernels receive and return: the fields of the contract's named tuples, from their docstrings."""
-    from thirdbody import plugin
-
-    rows = []
-    for name in "Contact Normal Adhesion Load Tangential Turn Rolling Twist Twisting Body Wrench ContactStep".split():
-        docstring = inspect.cleandoc(getattr(plugin, name).__doc__)
-        fields = re.findall(r"^(\w+(?:, \w+)*) : (?:float\n    )?(.+)$", docstring, re.MULTILINE)
-        for k, (names, meaning) in enumerate(fields):
-            first = f"`{name}`: {_first_sentence(docstring).rstrip('.').lower()}" if k == 0 else ""
-            rows.append(f"| {first} | {', '.join(f'`{one}`' for one in names.split(', '))} | {meaning} |")
-    return _table("tuple | field | meaning", rows)
-
-
-def _registry():
-    return discover([ROOT / "plugins" / "dmt_adhesion.py"])
-
-
-def _options(thing) -> str:
-    return ", ".join(map(_option, thing.options)) or "-"
-
-
-def _option(option) -> str:
-    if option.default is None:
-        return f"`{option.name}` ({option.dimension.replace('_', ' ')}, required)"
-    default = f'"{option.default}"' if isinstance(option.default, str) else f"{option.default:g}"
-    words = f", or {', '.join(repr(word) for word in option.words if word != option.default)}" if len(option.words) > 1 else ""
-    return f"`{option.name} = {default}`{words}".replace("'", '"')
-
-
-def _first_sentence(docstring):
-    return re.split(r"(?<=\.)\s", " ".join((docstring or "").split()))[0]
+def _facts(key: Key, kinds: Iterable[str]) -> list[str]:
+    """The tables that have a key, its unit with the allowed values, and its default."""
+    others = [kind for kind in kinds if key.tables and kind not in key.tables]
+    tables = f"all but {others[0]}" if len(others) == 1 else ", ".join(key.tables) if others else ""
+    value = key.value
+    for unit in filter(None, key.unit.split(" or ")):
+        value = value.replace(f"{NOUNS[unit]} >", f"{unit}, >").replace(NOUNS[unit], unit)
+    default = key.default if len(key.default) < LONG else "below"
+    return [tables, re.sub(r"\bnumber (?=[<>])", "", value), f"default {default}" if default not in ("", "required") else default]
 
 
 def sweep_keys() -> str:
-    from thirdbody.scene.keys import table_keys
     from thirdbody.studies.sweep_file import SweepFile
 
-    rows = []
-    for key in table_keys(SweepFile.model_json_schema()):
-        default = f"`{key.default}`" if key.default not in ("", "required") and len(key.default) < 40 else key.default
-        shown = default if len(default) < 40 else "below"
-        rows.append(f"| `{key.path}` | {key.value} | {shown} | {key.meaning} | `{key.example}` |")
-    return _table("key | value | default | meaning | example", rows)
+    return _keys(table_keys(SweepFile.model_json_schema()))
 
 
 def sweep_results() -> str:
     from thirdbody.studies.results import DEFAULT, RESULTS, result
 
     states = {f"{name}STATE": result(f"{name}STATE") for name in ("fraction_", "fraction_ever_")}
-    rows = []
+    series: dict[str, list[str]] = {}
+    items = []
     for name, entry in sorted((RESULTS | states).items()):
-        usual = name in DEFAULT or name == "fraction_STATE"
-        usual_word = "rolling" if name == "fraction_ever_STATE" else "yes" if usual else ""
-        rows.append(f"| `{name}` | {'' if entry.unit == '1' else entry.unit} | {usual_word} | {entry.meaning} |")
-    return _table("result | unit | default | meaning", rows)
-
-
-# tables that are written otherwise than their keys' paths begin
-HEADINGS = {"materials": "materials.NAME", "pairs": "[pairs]", "debris": "[debris]"}
-
-
-def scene_keys() -> str:
-    parts = []
-    for name, keys in groupby(all_keys(discover()), key=lambda key: key.path.rpartition(".")[0] and key.path.split(".")[0]):
-        rows = [(f"`{path}`", *cells, f"`{example}`") for path, *cells, example in key_rows(keys)]
-        title = f"[{HEADINGS.get(name, name)}]" if name else "Top of the file"
-        parts.append(f"### {title}\n\n{markdown(KEY_HEADINGS, rows)}")
-    return "\n\n".join(parts)
+        if name in SERIES and entry.meaning.endswith(SERIES[name].meaning):
+            series.setdefault(entry.meaning.partition(":")[0], []).append(name)
+            continue
+        usual = {"fraction_STATE": "default", "fraction_ever_STATE": "default of rolling"}
+        default = usual.get(name, "default" if name in DEFAULT else "")
+        items.append(_item([name], ["" if entry.unit == "1" else entry.unit, default], entry.meaning))
+    of_series = [_item(names, [], f"{what} of the [series](scene/README.md#series)") for what, names in series.items()]
+    return "\n".join([*items, *of_series])
 
 
 def run_names() -> str:
-    tables = {name: [(f"`{first}`", *rest) for first, *rest in name_rows(found)] for name, found in all_names(discover()).items()}
-    return "\n\n".join(f"### {name}\n\n{markdown(NAME_HEADINGS, rows)}" for name, rows in tables.items())
+    texts = []
+    for table, names in all_names(discover()).items():
+        same: dict[tuple[str, str], list[str]] = {}
+        for name, entry in names.items():
+            same.setdefault(tuple(entry), []).append(name)
+        items = [_item(words, ["" if unit == "1" else unit], meaning) for (unit, meaning), words in same.items()]
+        texts.append("\n".join([f"### {table}\n", *items]))
+    return "\n\n".join(texts)
 
 
-def markdown(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = [headings, ["---"] * len(headings), *rows]
-    return "\n".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |" for line in lines)
+def exit_codes() -> str:
+    return "\n".join(_item([str(code)], [], words) for code, words in EXIT_CODES.items())
+
+
+def _item(names: Iterable[str], facts: Iterable[str], *texts: str) -> str:
+    """Return an item of a list: names in code, facts in brackets, and sentences."""
+    known = "; ".join(filter(None, facts))
+    return f"- {_codes(names)}{f' ({known})' if known else ''}: {'. '.join(text.rstrip('.') for text in texts if text)}."
+
+
+def _codes(names: Iterable[str]) -> str:
+    return ", ".join(f"`{name}`" for name in names)
 
 
 PARTS: dict[str, Callable[[], str]] = {
-    "packages": packages, "tables": tables, "laws": laws, "levels": levels, "effects": effects, "measures": measures,
-    "kinds": kinds, "sweep_keys": sweep_keys, "sweep_results": sweep_results,
-    "law-data": law_data, "scene-keys": scene_keys, "run-names": run_names,
-    "exit-codes": lambda: markdown(("code", "meaning"), [(str(code), words) for code, words in EXIT_CODES.items()]),
-    "gallery": gallery,
+    "packages": packages, "laws": laws, "sweep_keys": sweep_keys, "sweep_results": sweep_results, "scene-keys": scene_keys,
+    "run-names": run_names, "exit-codes": exit_codes, "gallery": gallery,
 }  # fmt: skip
 
 

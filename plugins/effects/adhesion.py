@@ -301,15 +301,15 @@ ADHESION = Law(
     options=(
         Option(
             "work_of_adhesion", "energy_per_area", None, low=0.0, pair_key="work_of_adhesion",
-            doc='energy to part a unit of area of both surfaces; a pair\'s own work_of_adhesion replaces it, such as "50 mJ/m2"',
+            doc='energy per area to part both surfaces, unless a pair has its own, such as "50 mJ/m2"',
         ),
         Option(
             "model", "dimensionless", "auto", words=("auto", "jkr", "dmt"),
-            doc="necks (jkr), a constant force (dmt), or the fraction of each by Tabor's number (auto)",
+            doc="'jkr': necks; 'dmt': a constant force; 'auto': between them by Tabor's number",
         ),
         Option(
             "friction_load", "dimensionless", "with_pull_off", words=("with_pull_off", "external"),
-            doc="load of friction: with the force that separates (JKR: twice), or the external one",
+            doc="load of friction: with the pull-off force (JKR: twice), or the external load",
         ),
         Option("equilibrium_distance", "length", 2e-10, low=1e-11, doc="distance of the surfaces at rest, for Tabor's number"),
     ),

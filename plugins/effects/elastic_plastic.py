@@ -103,7 +103,7 @@ ELASTIC_PLASTIC = Law(
     options=(
         Option(
             "yield_ratio", "dimensionless", 1.6, low=1.0, high=10.0,
-            doc="yield pressure over the yield strength of the softer material: 1.6 at first yield, about 2.8 when fully plastic",
+            doc="yield pressure over yield strength of the softer material: 1.6 at first yield, 2.8 fully plastic",
         ),
     ),
     source="Thornton and Ning 1998, Powder Technology 99, 154; Thornton 1997, J. Appl. Mech. 64, 383",

@@ -58,8 +58,7 @@ FLASH_TEMPERATURE = Measure(
     parameters=HeatParameters,
     mix=mix_heat,
     amounts=(
-        Amount("flash_temperature_mean", "K", "Temperature rise of its contacts by friction, mean over contacts and the drag.",
-               "mean"),
+        Amount("flash_temperature_mean", "K", "Mean temperature rise of its contacts by friction, over the drag.", "mean"),
         Amount("flash_temperature", "K", "Largest temperature rise of its contacts by friction since the start.", "maximum"),
         Amount("peclet_number", "1", "Largest Peclet number of its contacts since the start.", "maximum"),
     ),

@@ -88,7 +88,7 @@ PIVOTING = Law(
     options=(
         Option(
             "damping", "dimensionless", 0.0, low=0.0, high=10.0,
-            doc="viscous part of the spring's moment over critical damping of a ball that spins on a plane",
+            doc="viscous moment over critical damping of a ball that spins on a plane",
         ),
     ),
     source="Mindlin 1949, J. Appl. Mech. 16, 259; Deresiewicz 1954, J. Appl. Mech. 21, 52; Johnson 1985, Contact Mechanics, 3.9",

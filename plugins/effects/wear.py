@@ -39,9 +39,9 @@ WEAR = Measure(
     parameters=WearParameters,
     mix=mix_wear,
     amounts=(
-        Amount("worn_volume", "m3", "Volume that the body lost at all its contacts since the start."),
+        Amount("worn_volume", "m3", "Volume lost by the body since the start."),
         Amount(
-            "plate_wear", "m3", "Volume that the plate lost at contacts with the body since the start", of_plate=True,
+            "plate_wear", "m3", "Volume lost by the plate at contacts with the body since the start", of_plate=True,
             map=("wear_depth", "m"),
         ),
         Amount(
@@ -53,9 +53,9 @@ WEAR = Measure(
         Option("law", "dimensionless", "archard", words=("archard", "energy"), doc="load times slip, or dissipated energy"),
         Option(
             "plates", "wear_coefficient", None, low=0.0,
-            doc='volume that a plate loses per load times slip (N m), or per energy; 1/Pa is m3/J, such as "1e-15 m3/J"',
+            doc='volume lost by a plate per load times slip, or per energy (1 m3/J = 1/Pa), such as "1e-15 m3/J"',
         ),
-        Option("bodies", "wear_coefficient", 0.0, low=0.0, doc='the same of a body, such as "1e-15 m3/J"'),
+        Option("bodies", "wear_coefficient", 0.0, low=0.0, doc='the same for a body, such as "1e-15 m3/J"'),
     ),
     source="Archard 1953, J. Appl. Phys. 24, 981; Fouvry, Kapsa and Vincent 1996, Wear 200, 186",
 )  # fmt: skip

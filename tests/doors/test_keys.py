@@ -71,7 +71,7 @@ def test_options_have_a_meaning_and_a_key_of_several_tables_is_listed_once(regis
     assert keys["contact.memory", ("coulomb", "mindlin")].value.startswith('"auto" or "two_number" or')
     assert len(keys) == len(all_keys(registry))
     report = next(key for key in all_keys(registry) if key.path == "solver.tolerance").meaning
-    assert float(re.search(r"[\d.e-]+(?= where it is not given)", report)[0]) == Accuracy().tolerance
+    assert float(re.search(r"by default ([\d.e-]+)\.", report)[1]) == Accuracy().tolerance
 
 
 def test_names_are_those_of_runs(registry, shared_run):

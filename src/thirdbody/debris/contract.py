@@ -128,7 +128,7 @@ class DebrisKind(Part):
     name: Text | None = None
     """Name of the population in tables, pictures and files; by default material and kind. Example: "soft debris"."""
     kind: str
-    """Kind of debris; it decides on the other keys. Example: "irregular"."""
+    """Kind of debris, which decides on the other keys. Example: "irregular"."""
     material: Text
     """Name of the material. Example: "steel"."""
     count: Count | None = None
@@ -203,12 +203,11 @@ class VolumeKeys(DebrisKind):
     seed: Seed = 1
     """Seed of the random numbers; body k is the same for every count. Example: 1."""
     placement: Placement | None = "layer"
-    """"layer": each body in a stable pose on the lower plate; "dilute": at random in a volume; "dense": a packed bed.
-    Example: "dense"."""
+    """"layer": in stable poses on the lower plate; "dilute": at random in a volume; "dense": a packed bed. Example: "dense"."""
     height: PositiveLength | None = None
-    """Height of the volume of all "dilute", or all "dense" bodies; instead of `solid_fraction`. Example: "60 um"."""
+    """Height of the volume of all "dilute" or all "dense" bodies; instead of `solid_fraction`. Example: "60 um"."""
     solid_fraction: Fraction | None = None
-    """Solid fraction in that volume; 0.05 for "dilute", 0.5 for "dense" where neither is given. Example: 0.58."""
+    """Solid fraction in that volume; by default 0.05 for "dilute", 0.5 for "dense". Example: 0.58."""
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:

@@ -27,14 +27,14 @@ class File(VolumeKeys):
 
     kind: Literal["file"] = "file"
     file: Text
-    """CSV (units in the header) or NPZ (SI) table of spheres, relative to the scene. Example: "particles.csv"."""
+    """Table of spheres, relative to the scene: CSV (units in the header) or NPZ (SI). Example: "particles.csv"."""
     count: Count | None = None
-    """Number of bodies, taken from the file in turn; needs `placement`. By default as many as the file has. Example: 200."""
+    """Number of bodies, taken from the file in turn; needs `placement`; by default each once. Example: 200."""
     size: Size | None = None
-    """Volume-equivalent diameter to which each body is rescaled; needs `placement`.
+    """Volume-equivalent diameter of rescaled bodies; needs `placement`.
     Example: {distribution = "uniform", min = "5 um", max = "20 um"}."""
     placement: Placement | None = None
-    """How bodies are placed; without it they lie where the file says. Example: "layer"."""
+    """How bodies are placed; by default where the file says. Example: "layer"."""
     velocity: Velocity | None = None
     angular_velocity: AngularVelocity | None = None
 

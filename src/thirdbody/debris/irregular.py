@@ -67,23 +67,22 @@ class Irregular(PlacedDebris):
 
     kind: Literal["irregular"] = "irregular"
     size: Size
-    """Volume-equivalent diameter: a distribution, or one length.
-    Example: {distribution = "lognormal", median = "10 um", sigma = 0.2}."""
+    """Volume-equivalent diameter. Example: {distribution = "lognormal", median = "10 um", sigma = 0.2}."""
     spheres: Annotated[
         tuple[Annotated[int, _WHOLE], Annotated[int, _WHOLE]],
         listing("[min, max] or one whole number", 2),
         BeforeValidator(lambda value: value if hasattr(value, "__len__") else [_WHOLE.read(value)] * 2),
         ShortForm({"type": "integer"} | _WHOLE.limits()),
     ]
-    """Least and most spheres of a body; or one number. Example: [4, 8]."""
+    """Least and most spheres of a body, or one number. Example: [4, 8]."""
     aspect: Annotated[tuple[Fraction, Fraction, Fraction], THREE]
-    """Extents of the envelope along three axes, relative to each other. Example: [1.0, 0.8, 0.6]."""
+    """Relative extents of the envelope along three axes. Example: [1.0, 0.8, 0.6]."""
     angularity: Annotated[float, Quantity(ge=0, le=1)] | None = None
-    """How far spheres shrink towards the corners of the hull; 0 where it is not given. Example: 0.5."""
+    """How far spheres shrink towards the corners of the hull; by default 0. Example: 0.5."""
     asperities: Asperities | None = None
     """Small spheres where planes can touch the body. Example: {count = 3, radius = "0.5 um"}."""
     shapes: Annotated[int, Whole(ge=1)] | None = None
-    """Number of different shapes; further bodies are copies of other sizes. Where it is not given, all differ. Example: 200."""
+    """Number of different shapes, which further bodies copy in other sizes; by default all differ. Example: 200."""
 
     def checks(self) -> list[Wrong]:
         minimum, maximum = self.spheres

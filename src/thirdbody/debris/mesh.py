@@ -49,15 +49,13 @@ class Mesh(PlacedDebris):
 
     kind: Literal["mesh"] = "mesh"
     file: Annotated[str | list[str], _FILES]
-    """Closed mesh (STL, OBJ, PLY) relative to the scene, a list of such files, or a folder; bodies take them in turn.
-    Example: "debris_particle.stl"."""
+    """Closed mesh (STL, OBJ, PLY), list or folder of them, relative to the scene; used in turn. Example: "flake.stl"."""
     unit: PositiveLength
     """Length of one unit of the files. Example: "1 um"."""
     spheres: Annotated[int, Whole(ge=4, le=1500)] | None = None
-    """Number of spheres of each body; by default 12, and where they miss a thin one as many as lie along it. Example: 12."""
+    """Number of spheres of each body; by default 12, more for a thin body that 12 would miss. Example: 12."""
     size: Size | None = None
-    """Volume-equivalent diameter to which each body is rescaled.
-    Example: {distribution = "lognormal", median = "6 um", sigma = 0.15}."""
+    """Volume-equivalent diameter of rescaled bodies. Example: {distribution = "lognormal", median = "6 um", sigma = 0.15}."""
 
     def max_spheres(self) -> int:
         return self.spheres or 1  # 1 where it follows from the mesh

@@ -50,14 +50,14 @@ class Spheres(VolumeKeys):
     radius: PositiveLength | None = None
     """Radius of single spheres; give it or `shape`. Example: "5 um"."""
     shape: Annotated[tuple[Ball, ...], listing("a list of tables {center, radius}")] | None = None
-    """Spheres of one body, the same for all bodies; give it or `radius`.
-    Example: [{center = ["0 um", "0 um", "0 um"], radius = "2 um"}, {center = ["3 um", "0 um", "0 um"], radius = "2 um"}]."""
+    """Spheres of each body; give it or `radius`.
+    Example: [{radius = "2 um"}, {center = ["3 um", "0 um", "0 um"], radius = "2 um"}]."""
     count: Count
-    """Number of bodies; may be left out where `positions` are given. Example: 100."""
+    """Number of bodies; may be left out with `positions`. Example: 100."""
     placement: Placement | None = None
-    """How bodies are placed; "layer" unless `positions` are given. Example: "dilute"."""
+    """How bodies are placed; by default "layer", unless `positions` are given. Example: "dilute"."""
     positions: Annotated[tuple[Point, ...], listing("a list of points")] | None = None
-    """Centres of mass, one point per body; instead of `placement`. Example: [["5 um", "5 um", "5 um"]]."""
+    """Centres of mass, one per body; instead of `placement`. Example: [["5 um", "5 um", "5 um"]]."""
     orientation: Quaternion | None = None
     """Quaternion (w, x, y, z), body to world; needs `positions`. Example: [1, 0, 0, 0]."""
 

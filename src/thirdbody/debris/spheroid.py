@@ -128,16 +128,16 @@ class Spheroid(PlacedDebris):
 
     kind: Literal["spheroid"] = "spheroid"
     size: Size
-    """Diameter of the ball of the same volume. Example: "10 um"."""
+    """Volume-equivalent diameter. Example: {distribution = "lognormal", median = "10 um", sigma = 0.2}."""
     axial_ratio: Annotated[float, Quantity(ge=0.1, le=1)]
     """Shorter over longer axis. Example: 0.5."""
     form: Literal["prolate", "oblate"] = "prolate"
     """"prolate": long, spheres on a segment; "oblate": flat, spheres on a disc. Example: "oblate"."""
     spheres: Annotated[int, Whole(ge=2, le=MAX_SPHERES_PER_BODY)] = 20
-    """Most spheres of a body; an oblate one takes the largest of 7, 19, 37, 61, 91 that is allowed. Example: 20."""
+    """Most spheres of a body; an oblate one has the largest allowed of 7, 19, 37, 61, 91. Example: 20."""
 
     heading: Annotated[float, Quantity(dimension="angle")] | None = None
-    """Direction of the long axis of prolate bodies in a layer, from x towards y; random where not given. Example: "0 deg"."""
+    """Direction of the long axis of prolate bodies in a layer, from x towards y; by default random. Example: "0 deg"."""
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:

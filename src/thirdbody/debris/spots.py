@@ -31,13 +31,13 @@ class Spot(Part):
     """A summit that meets one plate only: its place relative to the centre of mass (m), and its radius of curvature."""
 
     side: Literal["lower", "upper"]
-    """Plate that the spot meets; it meets nothing else. Example: "lower"."""
+    """Plate that the spot meets, its only partner. Example: "lower"."""
     x: Length
-    """Place relative to the centre of mass. Example: "-2 um"."""
+    """Position relative to the centre of mass. Example: "-2 um"."""
     y: Length = 0.0
-    """Place relative to the centre of mass. Example: "1 um"."""
+    """Position relative to the centre of mass. Example: "1 um"."""
     z: Length
-    """Place relative to the centre of mass. Example: "-2 um"."""
+    """Position relative to the centre of mass. Example: "-2 um"."""
     radius: PositiveLength
     """Radius of curvature. Example: "1 um"."""
 
@@ -74,13 +74,13 @@ class Spots(DebrisKind):
     mass: PositiveMass
     """Mass of a body. Example: "1e-13 kg"."""
     inertia: Moments
-    """Moments of inertia about x, y, z; one stands for all. Example: "2e-25 kg m2"."""
+    """Moments of inertia about x, y, z, or one for all. Example: "2e-25 kg m2"."""
     planar: Flag = False
-    """Whether bodies must stay in the plane y = 0; what would drive them out of it is refused. Example: true."""
+    """Whether bodies must stay in the plane y = 0; a drive out of it is refused. Example: true."""
     count: Count = 1
-    """Number of bodies, all alike; may be left out where `positions` are given. Example: 3."""
+    """Number of equal bodies; may be left out with `positions`. Example: 3."""
     positions: Annotated[tuple[TwoLengths, ...], listing("a list of points [x, y]")] | None = None
-    """Places x, y of the centres of mass; by default rows over the domain. Example: [["6 um", "4 um"]]."""
+    """Positions x, y of the centres of mass; by default rows over the domain. Example: [["6 um", "4 um"]]."""
 
     @classmethod
     def arrange(cls, raw: dict[str, Any]) -> dict[str, Any]:

@@ -148,7 +148,7 @@ _COULOMB = Law(
     "Coulomb 1785, regularised as an elastic-plastic spring (Cundall and Strack 1979, stiffness following the load)",
     (Option(
         "slip_scale", "dimensionless", 1e-3, low=1e-9, high=1.0,
-        doc="slip at which the friction limit is reached, as a fraction of the contact's radius of curvature",
+        doc="slip at the friction limit over the contact's radius of curvature",
     ), MEMORY, RENEWAL_OF_SPRINGS),
 )  # fmt: skip
 _ROLLING = replace(

@@ -74,7 +74,7 @@ def layout_of(measures: Sequence[Measure]) -> Layout:
     if any(amount.kind == MEAN for _, _, amount in summands):
         time = len(bodies)
         targets.append((ADD, time, time, time, -1))
-        bodies.append(Output("measured_time", "s", "Time of the drag in which its contacts were closed, summed."))
+        bodies.append(Output("measured_time", "s", "Time of closed contacts in the drag, summed over contacts."))
     sums = len(targets)
     for _, _, amount in largest:
         targets.append((MAX, *(3 * (len(bodies),)), -1))

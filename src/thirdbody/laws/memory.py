@@ -23,9 +23,9 @@ from thirdbody.laws.contract import Option, Options, kernel
 
 MEMORY = Option(
     "memory", "dimensionless", "auto", words=("auto", "two_number", "one_ring", "two_rings", "rescaled"),
-    doc="'two_number': force and energy; 'two_rings', 'one_ring': also closed rings of the contact area, which keep a force where"
-    " load and shear swing together; 'auto': two rings where a scene can make them swing, else two numbers; 'rescaled': the force"
-    " alone, as in LAMMPS: every cycle of load loses a part of it",
+    doc="'two_number': force and energy; 'one_ring', 'two_rings': also closed rings of the contact area, for load and shear that"
+    " swing together; 'auto': two rings where a scene can do so, else two numbers; 'rescaled': the force alone, as in LAMMPS,"
+    " which loses a part of it in every cycle of load",
 )  # fmt: skip
 
 

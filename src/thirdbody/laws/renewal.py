@@ -31,8 +31,8 @@ from thirdbody.laws.hertz import g_star
 
 RENEWAL = Option(
     "renewal", "dimensionless", "kalker", low=0.0, high=100.0, words=("kalker",), or_number=True,
-    doc="rate at which a rolling contact area renews its material, per contact radius of travel over fresh ground; 'kalker': the"
-    " rate that gives Kalker's creep coefficient C11; 0 keeps the history",
+    doc="rate at which a rolling contact renews its material, per contact radius of fresh travel; 'kalker': that of Kalker's"
+    " creep coefficient C11; 0 keeps the history",
 )  # fmt: skip
 
 RENEWAL_OF_SPRINGS = replace(RENEWAL, default=0.0, doc=RENEWAL.doc + '; memory = "rescaled" has none')

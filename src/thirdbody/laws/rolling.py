@@ -69,11 +69,11 @@ ROLLING_RESISTANCE = Law(
     options=(
         Option(
             "coefficient", "dimensionless", None, low=0.0, high=1.0, pair_key="rolling_friction",
-            doc="largest moment over R* N; a pair's own rolling_friction replaces it, such as 0.05",
+            doc="largest moment over R* N, unless a pair has rolling_friction, such as 0.05",
         ),
         Option(
             "damping", "dimensionless", 0.0, low=0.0, high=10.0,
-            doc="viscous part of the spring's moment over critical damping of a ball that rolls on a plane",
+            doc="viscous moment over critical damping of a ball that rolls on a plane",
         ),
     ),
 )  # fmt: skip

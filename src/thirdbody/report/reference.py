@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, astuple
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +15,11 @@ from thirdbody.laws.contract import Option
 from thirdbody.laws.measures import layout_of
 from thirdbody.laws.registry import Registry, discover, load_file
 from thirdbody.report.tables import print_json, table
-from thirdbody.scene.keys import Key, merged, scene_keys, toml
+from thirdbody.scene.keys import Key, allowed, merged, scene_keys, toml
 from thirdbody.scene.model import Scene
+from thirdbody.schema.fields import quantity_schema
 from thirdbody.system.terminal import print_line
 from thirdbody.trajectory.names import COUNT, FRACTION, SERIES, TABLES, Name
-from thirdbody.units import DIMENSIONS
-
-KEY_HEADINGS = ("key", "for", "value", "unit", "default", "meaning", "example")
-NAME_HEADINGS = ("name", "unit", "meaning")
 
 
 def all_keys(registry: Registry) -> list[Key]:
@@ -45,14 +42,13 @@ def _named_options(kind: str, known: Mapping[str, Any]) -> Iterator[Key]:
 
 
 def _option_key(path: str, option: Option, tables: tuple[str, ...]) -> Key:
-    dimension = DIMENSIONS[option.dimension]
-    limits = [f"{word} {limit:g}" for word, limit in (("at least", option.low), ("at most", option.high)) if math.isfinite(limit)]
-    number = ", ".join(["a number" if option.dimension == "dimensionless" else dimension.phrase, *limits])
-    words = [toml(word) for word in option.words] + ([number] if option.or_number or not option.words else [])
-    value = " or ".join(words) if option.size == 1 else f"a list of {option.size} ({number})"
+    limits = {word: limit for word, limit in (("minimum", option.low), ("maximum", option.high)) if math.isfinite(limit)}
+    number = quantity_schema(option.dimension, limits, option.words if option.or_number else ())
+    entry = {"enum": option.words} if option.words and not option.or_number else number
+    value, unit = allowed(entry if option.size == 1 else {"type": "array", "prefixItems": [entry] * option.size})
     default = "required" if option.default is None else toml(option.default)
     meaning, _, example = option.doc.partition(", such as ")
-    return Key(path, tables, value, dimension.si_unit, default, _sentence(meaning), example or toml(option.default))
+    return Key(path, tables, value, unit, default, _sentence(meaning), example or toml(option.default))
 
 
 def _sentence(text: str) -> str:
@@ -85,12 +81,13 @@ def keys_report(word: str | None, plugins: Sequence[Path], json: bool) -> None:
         print_json({"scene": [asdict(key) for key in keys], "run": run})
         return
     if keys:
-        table("keys of a scene file", KEY_HEADINGS, key_rows(keys))
+        rows = [(key.path, ", ".join(key.tables), *astuple(key)[2:]) for key in keys]
+        table("keys of a scene file", ("key", "for", "value", "unit", "default", "meaning", "example"), rows)
         print()
     for kind, entries in names.items():
         if entries:
             title = "series of a run: run.series[name]" if entries.keys() <= SERIES.keys() else f"{kind} of a run"
-            table(title, NAME_HEADINGS, name_rows(entries))
+            table(title, ("name", "unit", "meaning"), [(name, *entry) for name, entry in entries.items()])
             print()
 
 
@@ -111,16 +108,6 @@ def _matches(
     parts = {part for key in keys for part in (key.path, key.path.rpartition(".")[2])}
     known = parts | {name for entries in names.values() for name in entries}
     raise UsageError(f"keys {word}: nothing has this name, {nearest(wanted, known)}")
-
-
-def key_rows(keys: Iterable[Key]) -> list[tuple[str, ...]]:
-    """Return the rows of a table of keys, as KEY_HEADINGS."""
-    return [(key.path, ", ".join(key.tables), key.value, key.unit, key.default, key.meaning, key.example) for key in keys]
-
-
-def name_rows(names: dict[str, Name]) -> list[tuple[str, ...]]:
-    """Return the rows of a table of series or arrays, as NAME_HEADINGS."""
-    return [(name, entry.unit, entry.meaning) for name, entry in names.items()]
 
 
 def print_code(scene: Scene, registry: Registry, json: bool) -> None:

@@ -13,8 +13,8 @@ Schema = Mapping[str, Any]
 SELECTORS = ("kind", "distribution")
 """Keys whose value decides which of several tables they stand in."""
 
-_TYPES = {"integer": "a whole number", "number": "a number", "string": "a text", "boolean": "true or false", "object": "a table"}
-_LIMITS = {"exclusiveMinimum": "above", "minimum": "at least", "exclusiveMaximum": "below", "maximum": "at most"}
+_TYPES = {"integer": "integer", "number": "number", "string": "text", "boolean": "true or false", "object": "table"}
+_LIMITS = {"exclusiveMinimum": ">", "minimum": ">=", "exclusiveMaximum": "<", "maximum": "<="}
 
 
 @dataclass(frozen=True)
@@ -60,18 +60,16 @@ def table_keys(schema: Schema) -> list[Key]:
 
 
 def _keys(table: Schema, tables: Schema, path: str, names: tuple[str, ...]) -> Iterator[Key]:
-    required, visited = table.get("required", ()), set[str]()
+    required = table.get("required", ())
     for name, value in table["properties"].items():
         key = _key(f"{path}{name}", value, name in required, names)
         if key.meaning:
             yield key
         inner = list(dict.fromkeys(re.findall(r'"\$ref": "#/\$defs/([^"]+)"', json.dumps(value))))
         for reference in inner:
-            if reference not in visited:  # x and y of a motion have the same tables
-                entry = tables[reference]
-                below = f"{path}{name}.NAME." if "additionalProperties" in value else f"{path}{name}."
-                yield from _keys(entry, tables, below, (_name(entry),) if len(inner) > 1 else ())
-        visited.update(inner)
+            entry = tables[reference]
+            below = f"{path}{name}.NAME." if "additionalProperties" in value else f"{path}{name}."
+            yield from _keys(entry, tables, below, (_name(entry),) if len(inner) > 1 else ())
 
 
 def _name(table: Schema) -> str:
@@ -100,24 +98,24 @@ def allowed(schema: Schema) -> tuple[str, str]:
         parts = [allowed(choice) for choice in choices if choice.get("type") != "null"]
         return tuple(" or ".join(dict.fromkeys(filter(None, texts))) for texts in zip(*parts, strict=True))  # type: ignore[return-value]
     if "$ref" in schema:
-        return "a table", ""
+        return "table", ""
     if "const" in schema or "enum" in schema:
         return " or ".join(f'"{word}"' for word in schema.get("enum", [schema.get("const")])), ""
     if schema.get("type") == "array":
         entries = schema.get("prefixItems")
         words, unit = allowed(entries[0] if entries else schema.get("items", {}))
-        return f"a list of {len(entries)} ({words})" if entries else f"a list ({words})", unit
+        return f"list of {len(entries)} ({words})" if entries else f"list ({words})", unit
     if "x-dimension" in schema:
         dimension = DIMENSIONS[schema["x-dimension"]]
-        return f"{dimension.phrase}{_range(schema['x-limits'])}", dimension.si_unit
-    return f"{_TYPES.get(str(schema.get('type')), 'a value')}{_range(schema)}", ""
+        return f"{dimension.phrase.partition(' ')[2]}{_range(schema['x-limits'])}", dimension.si_unit
+    return f"{_TYPES.get(str(schema.get('type')), 'value')}{_range(schema)}", ""
 
 
 def _range(schema: Schema) -> str:
-    """Return the limits of a number: ", at least 0.1, at most 1"; ", only 1" for a single one."""
+    """Return the limits of a number: " >= 0.1, <= 1"; ", only 1" for a single one."""
     if schema.get("minimum", "none") == schema.get("maximum"):
         return f", only {schema['minimum']:g}"
-    return "".join(f", {word} {schema[key]:g}" for key, word in _LIMITS.items() if key in schema)
+    return ",".join(f" {sign} {schema[key]:g}" for key, sign in _LIMITS.items() if key in schema)
 
 
 def toml(value: Any) -> str:

@@ -71,7 +71,7 @@ class Scene(Part):
     """
 
     scene: Annotated[int, Whole(ge=VERSION, le=VERSION)] = VERSION
-    """Version of the format; a file must give it. Example: 1."""
+    """Version of the format; required in a file. Example: 1."""
     title: Text = ""
     """Title of the run in tables and pictures. Example: "a dense bed of steel debris"."""
     materials: dict[str, Material]

@@ -14,14 +14,14 @@ class Constant(Part):
     velocity: Speed
     """Constant velocity. Example: "1 m/s"."""
     duration: PositiveTime | None = None
-    """Duration; required where another stage follows. Example: "10 us"."""
+    """Duration; required before another stage. Example: "10 us"."""
 
 
 class Ramp(Part):
     """Linear change of the velocity to `ramp` [m/s] during `duration` [s]; constant afterwards."""
 
     ramp: Speed
-    """Velocity at the end of a linear change; it stays. Example: "1 m/s"."""
+    """Velocity at the end of a linear change, constant afterwards. Example: "1 m/s"."""
     duration: PositiveTime
     """Duration of the change. Example: "1 us"."""
 
@@ -40,23 +40,23 @@ class Stroke(Part):
     """
 
     stroke: PositiveLength
-    """Stroke of a reciprocating motion, peak to peak. Example: "50 um"."""
+    """Peak-to-peak stroke of a reciprocating motion. Example: "50 um"."""
     frequency: Annotated[float, Quantity(dimension="frequency", gt=0)]
     """Cycles per second. Example: "5 Hz"."""
     shape: Literal["sine", "triangle"] = "sine"
     """Displacement over time; a sine starts from rest at one end. Example: "triangle"."""
     cycles: PositiveNumber | None = None
-    """Number of cycles; required where another stage follows. Example: 3."""
+    """Number of cycles; required before another stage. Example: 3."""
 
 
 class Table(Part):
     """Displacement from a CSV file with a header `time (unit), displacement (unit)`, linear in between."""
 
     table: Text
-    """CSV file, linear in between; header `time (us), displacement (um)`, or `time (us), load (mN)` for a load.
+    """CSV file, linear in between; header `time (us), displacement (um)`; for a load `time (us), load (mN)`.
     Example: "path.csv"."""
     speed: Annotated[float, Quantity(ge=1e-9, le=1e9)] = 1.0
-    """How many times as fast the table is followed: its times are divided by it. Example: 10."""
+    """How many times as fast the table is followed. Example: 10."""
 
 
 class Load(Part):
@@ -65,7 +65,7 @@ class Load(Part):
     load: Force
     """Load at the end of a linear change. Example: "0 N"."""
     duration: PositiveTime | None = None
-    """Duration of the change; without one it is sudden. Example: "1 us"."""
+    """Duration of the change; without it sudden. Example: "1 us"."""
 
 
 Drive = Constant | Ramp | Pause | Stroke | Table
@@ -100,10 +100,9 @@ class Motion(Part):
     """Motion of the upper plate along x and y; an axis that is not given rests. Time counts from the end of settling."""
 
     x: Stages | None = None
-    """Motion along x from the end of settling: a stage, or a list of stages; an axis that is not given rests.
-    Example: {velocity = "1 m/s"}."""
+    """Motion along this axis after settling, a stage or a list; by default at rest. Example: {velocity = "1 m/s"}."""
     y: Stages | None = None
-    """Motion along y, likewise. Example: {stroke = "50 um", frequency = "5 Hz"}."""
+    """Motion along this axis after settling, a stage or a list; by default at rest. Example: {velocity = "1 m/s"}."""
 
     def moving(self) -> bool:
         """Return whether anything ever moves."""

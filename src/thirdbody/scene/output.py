@@ -38,24 +38,23 @@ class Output(Part):
     """
 
     every: Annotated[float, Quantity(gt=0)]
-    """Interval between frames: a sliding distance or a time. Example: "0.5 um"."""
+    """Interval between frames: a distance or a time. Example: "0.5 um"."""
     every_kind: Literal["distance", "time"] = "time"  # `rules`: the default is never used
     profiles: Annotated[Profiles, _BINS_ALONE, ShortForm({"type": "integer"} | _BINS.limits())] | None = None
-    """Number of slabs between the plates for profiles of velocity, stress and more; or a table with an axis. Example: 20."""
+    """Slabs between the plates for profiles of velocity, stress and more: their number, or a table. Example: 20."""
     sample: Annotated[int, Whole(ge=1)] | None = None
-    """Number of bodies that the run file holds; all by default. They are spread over the populations. Of the others it has their
-    part in all series, and the number of bodies with each reason of a state. Example: 10000."""
+    """Number of bodies in the run file, spread over the populations; by default all. Series, and counts of the reasons of states,
+    include the others. Example: 10000."""
     blocks: Annotated[list[_Block], listing("a list of blocks")] | None = None
-    """Blocks of the run file; all by default. Spheres that are left out are computed from their bodies where a run is read.
-    Contacts that are left out are lost. Example: ["clumps"]."""
+    """Blocks of the run file; by default all. Spheres that are left out follow from their bodies on reading; contacts are lost.
+    Example: ["clumps"]."""
     arrays: Annotated[list[Text], listing("a list of names")] | None = None
-    """Arrays of the bodies that are written besides position, state and reason; all by default. Names: `thirdbody keys bodies`.
+    """Arrays of bodies to write besides position, state and reason; by default all. `thirdbody keys bodies` lists them.
     Example: ["quaternion", "friction_work"]."""
     precision: Literal["float64", "float32"] = "float64"
-    """Floating-point numbers of the arrays in the run file; the state of the run, its series and checkpoints are always float64.
-    Example: "float32"."""
+    """Precision of arrays in the run file; state of the run, series and checkpoints are float64. Example: "float32"."""
     compress: Flag = False
-    """Whether arrays of bodies and spheres are compressed as they are written; contacts never are. Example: true."""
+    """Whether arrays of bodies and spheres are compressed; contacts never are. Example: true."""
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: Any, handler: Any) -> dict[str, Any]:

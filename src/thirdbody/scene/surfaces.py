@@ -29,11 +29,11 @@ class SelfAffine(Part):
     long: PositiveLength
     """Wavelength above which the spectrum is flat; at most the smaller side of the domain. Example: "20 um"."""
     short: PositiveLength
-    """Shortest wavelength: what is shorter belongs to the contact law. Example: "2 um"."""
+    """Shortest wavelength; shorter ones belong to the contact law. Example: "2 um"."""
     seed: Seed = 1
     """Seed of the phases; the two plates differ with the same seed. Example: 7."""
     curvature: Flag = True
-    """Whether the curvature of the surface changes the radius of contacts (normal law `hertz`). Example: false."""
+    """Whether curvature of the surface changes the radius of contacts (normal law `hertz`). Example: false."""
 
     def checks(self) -> list[Wrong]:
         if self.short < self.long:
@@ -45,13 +45,13 @@ class Sine(Part):
     """A sinusoidal wave."""
 
     amplitude: PositiveLength
-    """Amplitude: crests are this much above the mean, valleys below. Example: "0.3 um"."""
+    """Height of the crests above the mean, and depth of the valleys. Example: "0.3 um"."""
     wavelength: PositiveLength
-    """Wavelength; a whole number of waves must fit the domain. Example: "20 um"."""
+    """Wavelength, or distance from groove to groove; a whole number must fit the domain. Example: "20 um"."""
     direction: Direction = "x"
     """Direction in which the height changes: an axis, or an angle from x towards y. Example: "y"."""
     phase: Angle = 0.0
-    """Phase of the cosine: at 0 a crest is at the origin. Example: "90 deg"."""
+    """Phase: at 0 a crest, or the middle of a groove, is at the origin. Example: "90 deg"."""
 
     def shortest(self) -> float:
         """Return the shortest wavelength [m]."""
@@ -64,18 +64,18 @@ class Groove(Part):
     depth: PositiveLength
     """Depth of a groove. Example: "2 um"."""
     width: PositiveLength
-    """Width at the top, between the corners before rounding. Example: "8 um"."""
+    """Width at the top, before rounding. Example: "8 um"."""
     flank: Annotated[float, Quantity(dimension="angle", gt=0, le=math.radians(80.0))]
-    """Angle between flank and plane. Example: "40 deg"."""
+    """Angle between flank and plane, at most 80 deg. Example: "40 deg"."""
     rounding: PositiveLength | None = None
-    """Half the length of a rounded corner; the radius there is at least this over tan(flank). By default a fifth of the flank.
+    """Half the length of a rounded corner; its radius is at least this over tan(flank). By default a fifth of the flank.
     Example: "0.5 um"."""
     wavelength: PositiveLength
-    """Distance from groove to groove; a whole number must fit the domain. Example: "20 um"."""
+    """Wavelength, or distance from groove to groove; a whole number must fit the domain. Example: "20 um"."""
     direction: Direction = "x"
-    """Direction across the grooves: an axis, or an angle from x towards y. Example: "y"."""
+    """Direction in which the height changes: an axis, or an angle from x towards y. Example: "y"."""
     phase: Angle = 0.0
-    """Position of the first groove: at 0 the middle of one is at the origin, 360 deg are one distance. Example: "90 deg"."""
+    """Phase: at 0 a crest, or the middle of a groove, is at the origin. Example: "90 deg"."""
 
     def run(self) -> float:
         """Return the length of a flank along the plane [m]."""
@@ -110,18 +110,18 @@ class Waves(Part):
     """A sum of waves and rows of grooves."""
 
     wave: Annotated[tuple[Sine | Groove, ...], _WAVES, ShortForm()]
-    """A wave or a row of grooves, or a list of them that are added. Example: {amplitude = "0.3 um", wavelength = "20 um"}."""
+    """A wave or a row of grooves, or a list of them to add. Example: {amplitude = "0.3 um", wavelength = "20 um"}."""
     curvature: Flag = True
-    """As for a self-affine surface. Example: false."""
+    """Whether curvature of the surface changes the radius of contacts (normal law `hertz`). Example: false."""
 
 
 class Crop(Part):
     """The part of a measured surface that is used, from its first point."""
 
     x: TwoLengths | None = None
-    """First and last position along x. Example: ["10 um", "90 um"]."""
+    """First and last position along this axis. Example: ["10 um", "90 um"]."""
     y: TwoLengths | None = None
-    """First and last position along y. Example: ["10 um", "90 um"]."""
+    """First and last position along this axis. Example: ["10 um", "90 um"]."""
 
     def checks(self) -> list[Wrong]:
         ranges = (("x", self.x), ("y", self.y))
@@ -135,25 +135,24 @@ class SurfaceFile(Part):
     file: Text
     """NPZ, X3P, CSV or TXT file, relative to the scene. Example: "scan.npz"."""
     unit: PositiveLength | None = None
-    """Unit of the heights of a CSV or TXT file, which names none. Example: "1 um"."""
+    """Unit of the heights, for CSV and TXT. Example: "1 um"."""
     spacing: TwoPositiveLengths | None = None
-    """Distance of the points along x and y of a CSV or TXT file. Example: ["0.5 um", "0.5 um"]."""
+    """Distance of the points along x and y, for CSV and TXT. Example: ["0.5 um", "0.5 um"]."""
     level: Literal["mean", "plane", "curved"] | None = None
-    """What is subtracted: the mean, the plane of least squares, or the polynomial of second order. By default the plane; of a
-    map that is periodic the mean. Example: "curved"."""
+    """What is subtracted: mean, least-squares plane, or polynomial of second order. By default the plane; of a periodic map the
+    mean. Example: "curved"."""
     crop: Crop | None = None
-    """Part of the file that is used, in its own coordinates. Example: {x = ["10 um", "90 um"]}."""
+    """Part of the file that is used, in its coordinates. Example: {x = ["10 um", "90 um"]}."""
     short: PositiveLength | None = None
-    """Shortest wavelength that is left; waves 1.5 times as long stay as they are. By default four points of the file; a map that
-    is periodic then stays as it is. Example: "2 um"."""
+    """Shortest wavelength that is left; waves 1.5 times as long stay as they are. By default four points of the file; a periodic
+    map stays as it is. Example: "2 um"."""
     join: Literal["blend", "mirror", "periodic"] = "blend"
-    """How copies meet: "blend" cuts each where it differs least from the next and blends about the cut, "mirror" turns every
-    second copy round, "periodic" is for a map that is periodic, such as one of `thirdbody surface SCENE -o map.npz`.
-    Example: "mirror"."""
+    """How copies meet: "blend" along a cut where they differ least, "mirror" with every second copy reversed, "periodic" for a
+    periodic map, such as one of `thirdbody surface SCENE -o map.npz`. Example: "mirror"."""
     missing: Annotated[float, Quantity(ge=0, le=0.5)] = 0.05
-    """Largest fraction of points without a value; they are filled from their surroundings. Example: 0.1."""
+    """Largest fraction of missing points, which are filled from their surroundings. Example: 0.1."""
     curvature: Flag = True
-    """As for a self-affine surface. Example: false."""
+    """Whether curvature of the surface changes the radius of contacts (normal law `hertz`). Example: false."""
 
     def checks(self) -> list[Wrong]:
         text = self.file.lower().endswith(TEXTS)

@@ -30,8 +30,7 @@ class Material(Solid):
     density: Annotated[float, Quantity(dimension="density", gt=0)]
     """Density. Example: "7850 kg/m3"."""
     yield_strength: PositivePressure | None = None
-    """Yield strength, for the warning of first yield and for plastic flow; where it is missing, 0.01 of Young's modulus counts.
-    Example: "250 MPa"."""
+    """Yield strength, for first yield and plastic flow; by default 0.01 of Young's modulus. Example: "250 MPa"."""
     thermal_conductivity: Annotated[float, Quantity(dimension="thermal_conductivity", gt=0)] | None = None
     """Thermal conductivity, for measures of heat. Example: "50 W/m/K"."""
     heat_capacity: Annotated[float, Quantity(dimension="heat_capacity", gt=0)] | None = None
@@ -42,18 +41,16 @@ class PairTable(Part):
     """Contact parameters of two materials, or of one with itself; there is no mixing rule."""
 
     between: Annotated[tuple[Text, Text], listing("a list of 2 materials", 2)]
-    """The two materials, in either order; the same name twice for contact of a material with itself.
-    Example: ["steel", "bronze"]."""
+    """The two materials in either order, or one name twice. Example: ["steel", "bronze"]."""
     friction: Annotated[float, Quantity(ge=0)]
     """Friction coefficient. Example: 0.3."""
     restitution: Annotated[float, Quantity(ge=1e-6, le=1)]
-    """Coefficient of restitution of one contact along the normal, the same at every speed; below 1 contacts get dashpots. A body
-    that lands on n equal contacts at once has sqrt(n) times the damping and leaves with less: 0.6 is 0.50 on 2, 0.31 on 7.
-    Example: 0.6."""
+    """Coefficient of restitution along the normal, the same at every speed. It holds for one contact: on n at once damping is
+    sqrt(n) times as large, so that 0.6 becomes 0.50 on 2 and 0.31 on 7. Example: 0.6."""
     rolling_friction: Annotated[float, Quantity(ge=0, le=1)] | None = None
-    """Coefficient of rolling resistance of this pair; replaces that of `effects.rolling_resistance`. Example: 0.05."""
+    """Coefficient of rolling resistance of this pair, instead of that of the effect. Example: 0.05."""
     work_of_adhesion: Annotated[float, Quantity(dimension="energy_per_area", ge=0)] | None = None
-    """Work of adhesion of this pair; replaces that of the effect. Example: "20 mJ/m2"."""
+    """Work of adhesion of this pair, instead of that of the effect. Example: "20 mJ/m2"."""
 
 
 class Domain(Part):
@@ -62,18 +59,17 @@ class Domain(Part):
     size: TwoPositiveLengths
     """Extent along x and y. Example: ["600 um", "400 um"]."""
     periodic: Flag = True
-    """Whether a body that leaves at one side enters at the other; without, a body that leaves the lower plate stops the run.
-    Example: false."""
+    """Whether bodies re-enter at the opposite side; if not, one that leaves the lower plate stops the run. Example: false."""
 
 
 class LowerPlate(Part):
     """The plate at z = 0, at rest."""
 
     material: Text
-    """Name of its material. Example: "steel"."""
+    """Material of the plate. Example: "steel"."""
     surface: Surface | None = None
-    """Heights above the mean plane, which is that of the plate: random (`rms`), waves and grooves (`wave`), or measured (`file`).
-    Example: {rms = "0.2 um", hurst = 0.8, long = "20 um", short = "2 um"}."""
+    """Heights above the plane of the plate: random (`rms`), waves and grooves (`wave`), or measured (`file`).
+    Example: {rms = "0.2 um", long = "20 um", short = "2 um"}."""
 
 
 _LOADINGS = ("load", "pressure", "gap")
@@ -83,32 +79,31 @@ class UpperPlate(Part):
     """The upper plate: its support and load [N], pressure on the domain's area [Pa], or gap between the surfaces [m]."""
 
     material: Text
-    """Name of its material. Example: "steel"."""
+    """Material of the plate. Example: "steel"."""
     support: Literal["rigid", "foundation", "load_per_particle"] = "rigid"
     """"rigid": one plate; "load_per_particle": one patch per body, each with the load; "foundation": patches on springs below a
     common plate. Example: "foundation"."""
     load: Annotated[float, Quantity(dimension="force", gt=0)] | None = None
-    """Load on the plate, or on each patch ("load_per_particle"); give one of load, pressure, gap. Example: "0.1 mN"."""
+    """Load on the plate, or on each patch ("load_per_particle"); give load, pressure or gap. Example: "0.1 mN"."""
     pressure: PositivePressure | None = None
     """Pressure on the area of the domain. Example: "2.5 MPa"."""
     gap: PositiveLength | None = None
-    """Distance between the surfaces of the plates, with a foundation to the common plate; it is held. Example: "12 um"."""
+    """Constant distance between the surfaces of the plates; with a foundation to the common plate. Example: "12 um"."""
     closing: Speed | None = None
     """Speed at which the gap shrinks. Example: "1 mm/s"."""
     loading: Loading | None = None
-    """How the load changes after settling: a stage, or a list of stages; the last load stays.
-    Example: {load = "1 mN", duration = "1 us"}."""
+    """Change of the load after settling, a stage or a list; the last load stays. Example: {load = "1 mN", duration = "1 us"}."""
     stiffness: Annotated[float, Quantity(dimension="stiffness", gt=0)] | None = None
-    """Stiffness of the spring of each patch; required with a foundation. Example: "200 N/m"."""
+    """Spring stiffness of each patch of a foundation; required there. Example: "200 N/m"."""
     preload: Force | None = None
-    """Load on each patch of a foundation beside its spring; it comes on top of `load`. Example: "10 uN"."""
+    """Load on each patch of a foundation beside its spring, in addition to `load`. Example: "10 uN"."""
     motion: Motion = Motion()
     surface: Surface | None = None
     """As of the lower plate, towards the debris; it moves with the plate. Example: {file = "scan.x3p", short = "2 um"}."""
     mass: PositiveMass | None = None
-    """Mass of the plate, or of each patch; by default that of all debris (rigid), or of the mean body. Example: "1e-11 kg"."""
+    """Mass of the plate or of each patch; by default that of all debris, or of the mean body. Example: "1e-11 kg"."""
     damping: Annotated[float, Quantity(dimension="damping", ge=0)] | None = None
-    """Dashpot of the plate, or of each patch; by default critical with the contact. Example: "7e-5 kg/s"."""
+    """Dashpot of the plate or of each patch; by default critical with the contact. Example: "7e-5 kg/s"."""
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
@@ -135,11 +130,11 @@ class DirectContact(Part):
     """
 
     beta: PositiveNumber | None = None
-    """Pressure at zero gap over E*; estimated from the surfaces where it is not given. Example: 0.5."""
+    """Pressure at zero gap over E*; by default estimated from the surfaces. Example: 0.5."""
     u0: PositiveLength | None = None
-    """Change of the gap that divides the pressure by e; estimated from the surfaces where it is not given. Example: "0.2 um"."""
+    """Gap over which the pressure falls by a factor e; by default estimated from the surfaces. Example: "0.2 um"."""
     friction: Annotated[float, Quantity(ge=0)]
-    """Friction coefficient of the plates on each other. Example: 0.1."""
+    """Friction coefficient between the plates. Example: 0.1."""
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
@@ -184,12 +179,11 @@ class Contact(Part):
 
     extra_keys: ClassVar[str] = "options"
     law: Text = "three_spot"
-    """Family of contact laws; `thirdbody laws` lists the installed ones. Example: "three_spot"."""
+    """Family of contact laws; `thirdbody laws` lists them. Example: "three_spot"."""
     level: Text | None = None
-    """Level of the law, that is the tangential law; "mindlin" for `law = "three_spot"`, else the default of the law.
-    Example: "mdr"."""
+    """Level: the tangential law; by default "mindlin" for "three_spot", else the default of the family. Example: "mdr"."""
     debris_contact: Literal["auto", "none"] = "auto"
-    """"none" declares an ensemble: bodies do not see each other. Example: "none"."""
+    """"none": bodies do not interact with each other (an ensemble). Example: "none"."""
     options: dict[str, Any] = {}
 
     @classmethod
@@ -227,32 +221,28 @@ class Solver(Part):
     """
 
     integrator: Literal["auto", "explicit", "implicit"] = "auto"
-    """"auto" takes the implicit one where bodies meet the plates only, or few each other and it is expected to be faster, and
-    says why. Example: "implicit"."""
+    """"auto": implicit where bodies meet the plates only, or few each other, and it should be faster. Example: "implicit"."""
     time_step: Annotated[float | Literal["auto"], Quantity(dimension="time", gt=0, words=("auto",))] = "auto"
-    """Explicit integrator: time step; one above the bound is refused without `--force`. Example: "0.5 ns"."""
+    """Time step of the explicit integrator; above the bound it needs `--force`. Example: "0.5 ns"."""
     distance: PositiveLength | None = None
-    """Sliding distance of the run, after settling; give it or `duration`. Example: "20 um"."""
+    """Sliding distance after settling; give it or `duration`. Example: "20 um"."""
     duration: PositiveTime | None = None
-    """Duration of the run, after settling; give it or `distance`. Example: "10 us"."""
+    """Duration after settling; give it or `distance`. Example: "10 us"."""
     initial_overlap: Literal["refuse", "relax"] = "refuse"
-    """What happens when bodies overlap at the start: "relax" pushes them apart, between flat plates. The run says how far.
-    Example: "relax"."""
+    """"relax" pushes bodies apart that overlap at the start, between flat plates, and reports how far. Example: "relax"."""
     settle: Annotated[float | Literal["auto"], Quantity(dimension="time", ge=0, words=("auto",))] = "auto"
     """Time under load before the drag starts. Example: "20 us"."""
     inertial_number: Annotated[float, Quantity(ge=1e-6, le=0.1)] | None = None
-    """Bed of debris: the plate moves at the speed that gives this inertial number, whatever speed the scene asks for. Distances,
-    outputs and loads stay at their places on the path; a stroke changes its frequency. Example: 1e-3."""
+    """Bed: the speed of the plate is scaled to this inertial number. Distances, outputs and loads keep their places on the path;
+    a stroke changes its frequency. Example: 1e-3."""
     tolerance: Fraction | None = None
-    """Implicit integrator: error of a step over the radius of the largest contact; 5e-4 where it is not given. Example: 1e-4."""
+    """Implicit integrator: error of a step over the radius of the largest contact; by default 5e-4. Example: 1e-4."""
     largest_step: PositiveLength | None = None
-    """Implicit integrator: longest drag in one step; no limit where it is not given. Example: "10 nm"."""
+    """Implicit integrator: longest drag in one step; by default unlimited. Example: "10 nm"."""
     inertia: Flag | None = None
-    """Implicit integrator: whether bodies keep their momentum; false is quasi-static. true where it is not given.
-    Example: false."""
+    """Implicit integrator: true (default): bodies keep their momentum; false: quasi-static. Example: false."""
     on_failure: Literal["stop", "continue"] | None = None
-    """Implicit integrator: "continue" goes on without a body that cannot be solved. "stop" where it is not given.
-    Example: "continue"."""
+    """Implicit integrator: "continue" goes on without a body that cannot be solved; by default "stop". Example: "continue"."""
 
     @classmethod
     def suggestion(cls, key: str) -> str:
@@ -275,6 +265,5 @@ class Measures(Part):
 
     extra_keys: ClassVar[str] = "named"
     cell: PositiveLength | None = None
-    """Side of the cells of the maps on both plates, rounded so that whole cells fill the domain; no maps where it is not given.
-    Example: "0.5 um"."""
+    """Side of the cells of the maps on both plates, rounded to fit the domain; without it no maps. Example: "0.5 um"."""
     named: dict[str, Any] = {}

@@ -16,7 +16,7 @@ class SizeDistribution(Part):
 
     if TYPE_CHECKING:  # declared by each of them
         distribution: str
-        """Shape of the distribution; it decides on the other keys. Example: "lognormal"."""
+        """Shape of the distribution, which decides on the other keys. Example: "lognormal"."""
 
     def parameters(self) -> dict[str, Any]:
         """Return the distribution as the keywords of `bodies.irregular_clumps.diameters`."""
@@ -33,7 +33,7 @@ class Constant(SizeDistribution):
 
     distribution: Literal["constant"] = "constant"
     value: PositiveLength
-    """Size of all bodies; a bare length means the same. Example: "10 um"."""
+    """Size of all bodies, as a bare length gives it. Example: "10 um"."""
 
     def typical(self) -> tuple[float, float]:
         return self.value, 1.0

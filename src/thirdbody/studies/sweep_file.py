@@ -31,24 +31,19 @@ class SweepFile(Part):
     """All keys of a sweep file."""
 
     sweep: Annotated[int, Whole(ge=VERSION, le=VERSION)] = VERSION
-    """Version of the format; a file must give it. Example: 1."""
+    """Version of the format; required in a file. Example: 1."""
     scene: Text
     """Scene file, relative to the sweep file. Example: "three_spot.toml"."""
     settings: dict[str, Any] = {}
     """Values replaced in the scene for all points, by key. Example: {"solver.distance" = "2 um"}."""
     vary: dict[str, Any] = {}
-    """Values by key: a list, or {from, to, count, scale}; keys joined by a comma get the same values.
-    The scale is linear, log, or whole: whole numbers only.
-
-    Example: {"pairs.0.friction" = {from = 0.1, to = 0.5, count = 5}}.
-    """
+    """Values by key: a list, or {from, to, count, scale}; keys joined by a comma get the same values. Scales: linear, log, or
+    whole (whole numbers only). Example: {"pairs.0.friction" = {from = 0.1, to = 0.5, count = 5}}."""
     together: Annotated[tuple[dict[str, Any], ...], listing("a list of tables [[together]]")] = ()
-    """Tables like `vary` whose keys are one axis: they move together.
-
-    Example: [{"debris.0.seed" = [1, 2], "plates.upper.load" = ["1 mN", "2 mN"]}].
-    """
+    """Tables like `vary` whose keys form one axis.
+    Example: [{"debris.0.seed" = [1, 2], "plates.upper.load" = ["1 mN", "2 mN"]}]."""
     points: Text | None = None
-    """CSV file of points, instead of axes: keys in its header, a row per point. Example: "points.csv"."""
+    """CSV file of points instead of axes: keys in its header, a row per point. Example: "points.csv"."""
     design: Literal["grid", "zip", "sobol", "latin_hypercube"] = "grid"
     """All combinations, values side by side, or samples. Example: "sobol"."""
     samples: Count | None = None
@@ -58,7 +53,7 @@ class SweepFile(Part):
     results: Annotated[tuple[Text, ...], listing("a list of names")] = DEFAULT
     """Columns of the table. Example: ["friction_coefficient", "peak_pressure"]."""
     keep: Literal["all", "summary"] = "all"
-    """What stays of each run: all of it, or its results only. Example: "summary"."""
+    """What is kept of each run: all of it, or its results only. Example: "summary"."""
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:

@@ -39,83 +39,59 @@ class Name(NamedTuple):
 
 SERIES = {
     "time": Name("s", "Time since the start."),
-    "scene_time": Name("s", "The same at the speed that the scene asks for; with `solver.inertial_number` only."),
-    "distance": Name("m", "Path of the upper plate since the end of settling."),
+    "scene_time": Name("s", "The same at the speed of the scene; only with `solver.inertial_number`."),
+    "distance": Name("m", "Path of the upper plate after settling."),
     "displacement": Name("m", "Displacement of the upper plate along its first direction of motion; NaN without motion."),
-    "gap": Name("m", "Distance between the surfaces of the plates: that of the common plate, else the mean over the patches."),
-    "upper_force": Name("N", "Force of the debris on the upper plate, x, y, z: mean over the output interval."),
-    "lower_force": Name("N", "Force of the debris on the lower plate, x, y, z: mean over the output interval."),
+    "gap": Name("m", "Distance between the surfaces of the plates: of the common plate, else the mean over the patches."),
+    "upper_force": Name("N", "Force of the debris on this plate (x, y, z), mean over the output interval."),
+    "lower_force": Name("N", "Force of the debris on this plate (x, y, z), mean over the output interval."),
     "friction_coefficient": Name(
         "1",
-        "-(upper_force . first direction of motion) / |normal force|; on a path that is no straight line the part along "
-        "the velocity: work of the motion / (|normal force| path). NaN where nothing presses. With `plates.contact` of "
-        "upper_force + direct_force.",
+        "-(upper_force . first direction of motion) / |normal force|; on a path that is not straight, work of the motion / "
+        "(|normal force| path). NaN without load. With `plates.contact` of upper_force + direct_force.",
     ),
-    "drag_work": Name("J", "Work of the plate's sideways motion against the force on it since the start; none without motion."),
+    "drag_work": Name("J", "Work of the plate's sideways motion against the force on it since the start; only with motion."),
     "loaded": Name("1", "Number of bodies that carry load."),
-    "active": Name("1", "Fraction of bodies that are pressed from above and from below; the others are idle."),
-    "direct_force": Name(
-        "N", "Force of direct contact on the upper plate, x, y, z: mean over the output interval; with `plates.contact` only."
-    ),
-    "load_share_debris": Name(
-        "1",
-        "Part of the load that debris carries, the rest is direct contact of the plates; NaN while nothing carries load, as in "
-        "the first frame; with `plates.contact` only.",
-    ),
-    "accommodation_upper_slip": Name(
-        "m/s", "Part of the upper plate's speed taken up by slip at its contacts (`accommodation`)."
-    ),
-    "accommodation_lower_slip": Name("m/s", "Part taken up by slip at the contacts of the lower plate."),
-    "accommodation_rolling": Name("m/s", "Part taken up by the rotation of the bodies at the plates."),
-    "accommodation_shear": Name("m/s", "Part taken up by shear inside the bed; 0 where bodies do not meet each other."),
+    "active": Name("1", "Fraction of bodies that are pressed from above and from below."),
+    "direct_force": Name("N", "Force of direct contact on the upper plate, as `upper_force`; only with `plates.contact`."),
+    "load_share_debris": Name("1", "Part of the load that debris carries; NaN without load; only with `plates.contact`."),
+    "accommodation_upper_slip": Name("m/s", "Part of the upper plate's speed taken up by slip at its contacts."),
+    "accommodation_lower_slip": Name("m/s", "Part taken up by slip at the lower plate."),
+    "accommodation_rolling": Name("m/s", "Part taken up by rotation of the bodies at the plates."),
+    "accommodation_shear": Name("m/s", "Part taken up by shear inside the bed."),
     "inertial_number": Name(
         "1",
-        "shear rate * d50 * sqrt(density / pressure): how far a bed is from slow shear. Rate of the band that carries the shear, "
-        "from the velocities of the bodies over the height; pressure on the plates; both means over the output interval. d50: "
-        "median by mass of the volume-equivalent diameters. NaN in layers thinner than three of them. Beds only: debris that "
-        "meets debris between two plates, explicit integrator.",
+        "Shear rate * d50 * sqrt(density / pressure), mean over the output interval. Shear rate: of the band that shears, from "
+        "the velocities of the bodies; d50: median by mass of the volume-equivalent diameters. NaN in layers thinner than 3 d50. "
+        "Beds only: debris that meets debris between two plates, explicit integrator.",
     ),
     "inertial_number_largest": Name("1", "The same with the largest diameter; beds only."),
-    "softness": Name(
-        "1", "(E* / pressure)^(2/3), E* of two bodies of the softest debris: above 1e4 stiff, below 1e3 soft; beds only."
-    ),
-    "overlap_ratio": Name("1", "Mean overlap over the smaller radius, of contacts that carry load; beds only."),
-    "unbalanced_force": Name(
-        "1", "Mean size of the total force on bodies that carry load, over that of contact forces; beds only."
-    ),
+    "softness": Name("1", "(E* / pressure)^(2/3) of the softest debris: above 1e4 stiff, below 1e3 soft; beds only."),
+    "overlap_ratio": Name("1", "Mean overlap of loaded contacts over the smaller radius; beds only."),
+    "unbalanced_force": Name("1", "Mean total force on loaded bodies over mean contact force; beds only."),
     "kinetic_energy_ratio": Name(
-        "1",
-        "Kinetic energy of the bodies relative to the mean flow over the height, rotation included, over the elastic energy of "
-        "the contacts; beds only.",
+        "1", "Kinetic energy of the bodies relative to the mean flow over elastic energy of the contacts; beds only."
     ),
-    "coordination_number": Name(
-        "1",
-        "Mean number of loaded contacts of a body; bodies without any count too (the mechanical one leaves out bodies with none "
-        "and one). Beds only.",
-    ),
+    "coordination_number": Name("1", "Mean number of loaded contacts over all bodies, also those without any; beds only."),
     "solid_fraction": Name(
         "1",
-        "Volume of the bodies over that of the core of the bed, without one largest diameter (at most a quarter of the gap) at "
-        "each plate. NaN in layers thinner than three d50; beds only.",
+        "Volume of the bodies over that of the core of the bed, which excludes one largest diameter (at most a quarter of the "
+        "gap) at each plate. NaN in layers thinner than 3 d50; beds only.",
     ),
     "energy_kinetic": Name("J", "Kinetic energy of bodies and free patches."),
     "energy_elastic_normal": Name("J", "Energy of the normal springs of contacts."),
     "energy_elastic_tangential": Name("J", "Energy of the tangential and rolling springs of contacts."),
-    "energy_foundation": Name("J", "Energy of the springs of a foundation; with a foundation only."),
-    "energy_direct_elastic": Name("J", "Elastic energy of direct contact of the plates; with `plates.contact` only."),
-    "energy_direct_friction": Name(
-        "J", "Dissipated by friction of the plates on each other since the start; with `plates.contact` only."
-    ),
+    "energy_foundation": Name("J", "Energy of the springs of a foundation; only with one."),
+    "energy_direct_elastic": Name("J", "Elastic energy of direct contact; only with `plates.contact`."),
+    "energy_direct_friction": Name("J", "Dissipated by friction of direct contact since the start; only with `plates.contact`."),
     "energy_damping": Name("J", "Dissipated by dashpots since the start."),
     "energy_friction": Name("J", "Dissipated by slip since the start."),
-    "energy_adhesion": Name("J", "Lost as necks form and break since the start; with `effects.adhesion` and necks only."),
-    "energy_plastic": Name(
-        "J", "Dissipated by plastic flow of contacts since the start; with a law that flows only, as `effects.elastic_plastic`."
-    ),
+    "energy_adhesion": Name("J", "Lost as necks form and break since the start; only with `effects.adhesion` and necks."),
+    "energy_plastic": Name("J", "Plastic dissipation since the start; only with a plastic law (`effects.elastic_plastic`)."),
     "energy_plate_work": Name("J", "Work of the plates since the start."),
-    "energy_body_effects": Name("J", "Work of body effects since the start; with such effects only."),
+    "energy_body_effects": Name("J", "Work of body effects since the start; only with such effects."),
     "energy_numerical": Name("J", "Lost by the implicit integrator itself since the start; 0 in explicit runs."),
-    "energy_residual": Name("J", "Work minus stored energy minus dissipation: what the balance of energy lacks."),
+    "energy_residual": Name("J", "Work minus stored energy minus dissipation: error of the energy balance."),
 }
 """One value per frame; labelled runs have the fraction of bodies in each state as well, such as `fraction_rolling`."""
 
@@ -128,7 +104,7 @@ BED = (
 """Series of the measures of a bed."""
 
 FRACTION = Name("1", "Fraction of bodies in this state.")
-COUNT = Name("1", "Number of bodies with this reason for their state; with `output.sample` only.")
+COUNT = Name("1", "Number of bodies with this reason for their state; only with `output.sample`.")
 
 SPHERES = {
     "position": Name("m", "Centre of the sphere, (S, 3)."),
@@ -142,29 +118,26 @@ SPHERES = {
 CLUMPS = {
     "position": Name("m", "Centre of mass, (B, 3)."),
     "id": Name("1", "Number of the body."),
-    "scene_id": Name("1", "Number of the body in the scene; with `output.sample` only."),
-    "population": Name("1", "Its population, a code of `population_names`."),
-    "material": Name("1", "Its material, a code of `material_names`."),
+    "scene_id": Name("1", "Number of the body in the scene; only with `output.sample`."),
+    "population": Name("1", "Population, a code of `population_names`."),
+    "material": Name("1", "Material, a code of `material_names`."),
     "mass": Name("kg", "Mass."),
-    "diameter": Name("m", "Diameter of the ball of the same volume."),
+    "diameter": Name("m", "Volume-equivalent diameter."),
     "quaternion": Name("1", "Orientation (w, x, y, z), body to world, (B, 4)."),
     "velocity": Name("m/s", "Velocity of the centre of mass, (B, 3)."),
     "angular_velocity": Name("rad/s", "Angular velocity, world axes, (B, 3)."),
     "force": Name("N", "Total force, (B, 3)."),
     "torque": Name("N·m", "Total torque about the centre of mass, (B, 3)."),
-    "friction_work": Name("J", "Dissipated by slip at its contacts since the start; between two bodies each counts half."),
-    "adhesion_work": Name("J", "Lost as necks of its contacts form and break since the start; with such a law only."),
+    "friction_work": Name("J", "Dissipated by slip at its contacts since the start; two bodies in contact share it equally."),
+    "adhesion_work": Name("J", "Lost as necks of its contacts form and break since the start; only with such a law."),
     "agglomerate": Name(
-        "1",
-        "Lowest id of the bodies that hang together, by contacts that push with less than their pull-off; with adhesion only.",
+        "1", "Lowest id of the bodies joined by contacts that push with less than their pull-off; only with adhesion."
     ),
-    "plastic_work": Name(
-        "J", "Dissipated by plastic flow of its contacts since the start, as `friction_work`; with such a law only."
-    ),
-    "slip_distance": Name("m", "Slip of all its contacts since the start, summed."),
-    "utilisation": Name("1", "Largest tangential force over friction limit of its contacts."),
+    "plastic_work": Name("J", "Plastic dissipation of its contacts since the start, as `friction_work`; only with such a law."),
+    "slip_distance": Name("m", "Slip of all its contacts since the start."),
+    "utilisation": Name("1", "Largest ratio of tangential force to friction limit at its contacts."),
     "contacts": Name("1", "Number of its contacts."),
-    "peak_pressure": Name("Pa", "Largest pressure in its contacts, elastic."),
+    "peak_pressure": Name("Pa", "Largest elastic pressure in its contacts."),
     "state": Name("1", "State, a code of `state_names`."),
     "state_reason": Name("1", "Reason for the state, a code of `reason_names`."),
 }
@@ -176,31 +149,29 @@ SIDES = ("lower", "upper", "debris")
 CONTACTS = {
     "position": Name("m", "Contact point, (C, 3)."),
     "body": Name("1", "Body that owns the contact."),
-    "partner": Name("1", "The other body; -1: lower plate, -2: upper plate, -3: a body not in the file (`output.sample`)."),
-    "side": Name("1", "What it touches: 0 lower plate, 1 upper plate, 2 debris."),
+    "partner": Name("1", "The other body; -1 lower plate, -2 upper plate, -3 a body not in the file."),
+    "side": Name("1", "Partner: 0 lower plate, 1 upper plate, 2 debris."),
     "normal": Name("1", "Unit normal from partner to owner, (C, 3)."),
     "normal_force": Name("N", "Normal force, positive in compression."),
     "tangential_force": Name("N", "Tangential force on the owner, (C, 3)."),
     "force": Name("N", "Force on the owner, (C, 3)."),
     "utilisation": Name("1", "Tangential force over friction limit."),
-    "slip": Name("m", "Slip since the contact closed, a path length."),
+    "slip": Name("m", "Path length of the slip since the contact closed."),
     "overlap": Name("m", "Overlap."),
     "contact_radius": Name("m", "Radius of the contact area."),
-    "peak_pressure": Name("Pa", "Largest pressure in the contact area, as the normal law answers it, without dashpots."),
+    "peak_pressure": Name("Pa", "Largest pressure in the contact area by the normal law, without dashpots."),
     "critical_slip": Name("m", "Displacement at which a virgin contact under this load slips throughout."),
-    "moment": Name("N·m", "Rolling moment on the owner, (C, 3); with rolling resistance only."),
-    "rolling_utilisation": Name("1", "Rolling moment over its limit; with rolling resistance only."),
-    "twist_moment": Name("N·m", "Moment on the owner about the normal; with pivoting friction only."),
-    "twist_utilisation": Name("1", "Moment about the normal over its limit, without sign; with pivoting friction only."),
+    "moment": Name("N·m", "Rolling moment on the owner, (C, 3); only with rolling resistance."),
+    "rolling_utilisation": Name("1", "Rolling moment over its limit; only with rolling resistance."),
+    "twist_moment": Name("N·m", "Moment on the owner about the normal; only with pivoting friction."),
+    "twist_utilisation": Name("1", "Size of the twist moment over its limit; only with pivoting friction."),
 }
 CYCLES = {
     "cycle": Name("1", "Number of the cycle, from 1."),
-    "start_time": Name("s", "Time at its start."),
+    "start_time": Name("s", "Time at the start of the cycle."),
     "end_time": Name("s", "Time at its end."),
     "energy": Name(
-        "J",
-        "Work of the plate's sideways motion against the force on it, along both axes: of `drag_work`; in runs that lack it the "
-        "sum of mean friction force times displacement over the output intervals.",
+        "J", "Work of the sideways motion against the force on the plate; without `drag_work`, of the mean friction force."
     ),
     "friction_coefficient": Name("1", "Mean of |friction force| / normal force."),
     "friction_coefficient_min": Name("1", "Least friction coefficient, signed by the first direction of motion."),
@@ -213,34 +184,32 @@ CYCLES = {
 MAP_STATISTICS = {
     "plate": Name("1", "`lower` or `upper`."),
     "map": Name("1", "Name of the map."),
-    "mean": Name("1", "Mean over the cells that have any, such as the worn ones, in `unit`."),
-    "percentile_95": Name("1", "What 95 % of these cells do not exceed, in `unit`."),
+    "mean": Name("1", "Mean over the cells with a value, in `unit`."),
+    "percentile_95": Name("1", "95th percentile of these cells, in `unit`."),
     "largest": Name("1", "Largest value of a cell, in `unit`."),
     "unit": Name("1", "Unit of the map."),
     "area_fraction": Name("1", "Area of these cells over that of the plate."),
-    "total": Name("1", "Integral over the plate, in `total_unit`: the worn volume of `wear_depth`."),
-    "total_unit": Name("1", "Its unit."),
+    "total": Name("1", "Integral over the plate, in `total_unit`; of `wear_depth` the worn volume."),
+    "total_unit": Name("1", "Unit of the total."),
 }
 TRANSITIONS = {
-    "frame": Name("1", "Frame that shows the new state."),
-    "time": Name("s", "Its time."),
-    "distance": Name("m", "Its sliding distance."),
-    "body": Name("1", "The body."),
+    "frame": Name("1", "Frame with the new state."),
+    "time": Name("s", "Time of the frame."),
+    "distance": Name("m", "Sliding distance."),
+    "body": Name("1", "Number of the body."),
     "from": Name("1", "Old state, a code of `state_names`."),
     "to": Name("1", "New state, a code of `state_names`."),
     "reason": Name("1", "Reason for the new state, a code of `reason_names`."),
-    "position": Name("m", "Its centre of mass, (T, 3)."),
+    "position": Name("m", "Centre of mass, (T, 3)."),
 }
 PROFILES = {
     "position": Name("m", "Middle of the slab, (F, bins)."),
-    "solid_fraction": Name(
-        "1", "Volume of debris over that of the slab; NaN with the kind `spots`, whose volumes are not known."
-    ),
-    "velocity": Name("m/s", "Mean velocity of the debris in the slab, rotation included, (F, bins, 3)."),
-    "angular_velocity": Name("rad/s", "Mean angular velocity of the bodies, by volume in the slab, (F, bins, 3)."),
-    "coordination_number": Name("1", "Mean number of loaded contacts of a body, by volume in the slab; those with plates count."),
-    "contact_stress": Name("Pa", "Stress by contact forces, (F, bins, 3, 3): force a on a face across b; pressure is positive."),
-    "kinetic_stress": Name("Pa", "Stress by velocities of the bodies other than their mean, (F, bins, 3, 3)."),
+    "solid_fraction": Name("1", "Volume of debris over that of the slab; NaN with the kind `spots`."),
+    "velocity": Name("m/s", "Mean velocity of the debris, rotation included, (F, bins, 3)."),
+    "angular_velocity": Name("rad/s", "Mean angular velocity of bodies by volume in the slab, (F, bins, 3)."),
+    "coordination_number": Name("1", "Mean loaded contacts of a body, with plates too, by volume in the slab."),
+    "contact_stress": Name("Pa", "Stress by contact forces, (F, bins, 3, 3): force a on a face across b; pressure positive."),
+    "kinetic_stress": Name("Pa", "Stress by velocity fluctuations of the bodies, (F, bins, 3, 3)."),
 }
 """One value per frame and slab, means over the output interval; labelled runs have the fraction of the volume of debris in each
 state as well. Only with `output.profiles`."""
