@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from thirdbody.errors import UsageError
-from thirdbody.studies.timing import Timing, slower, timing
+from thirdbody.studies.timing import LONE, Timing, slower, timing
 from thirdbody.studies.variants import Variant
 
 GOOD, SAME = 0.01, 0.01  # friction error and fraction of changed labels that a recommended variant may have
@@ -145,7 +145,7 @@ class Row:
     """Result of one variant.
 
     `wall`, `cpu`: seconds of its repeats; `outcome`: None for a variant without result; `beside`: seconds of the scene's own
-    variant, timed alternately with it.
+    variant, timed alternately with it; `single`: relative uncertainty of one timing.
     """
 
     variant: Variant
@@ -158,11 +158,12 @@ class Row:
     outcome: Outcome | None = None
     errors: dict[str, float] = field(default_factory=dict)
     beside: list[float] = field(default_factory=list)
+    single: float = LONE
 
     @property
     def timing(self) -> Timing:
         """Cost of the variant [s of the processor], with its uncertainty."""
-        return timing(self.cpu)
+        return timing(self.cpu, self.single)
 
     @property
     def seconds(self) -> float:

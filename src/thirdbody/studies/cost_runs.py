@@ -32,7 +32,7 @@ from thirdbody.studies.plan import AxisColumn, Plan
 from thirdbody.studies.point import DONE, INTERRUPTED, WAITING, Point, PointResult
 from thirdbody.studies.results import DEFAULT, STATES
 from thirdbody.studies.runner import run_points
-from thirdbody.studies.timing import Late, timing
+from thirdbody.studies.timing import Late, lone, timing
 from thirdbody.studies.variants import SPRINGS, UNTIMED, Code, Costs, code_of, laws_of, springs_option, variants_of
 from thirdbody.studies.workers import LocalWorkers
 from thirdbody.system.processes import cores
@@ -172,7 +172,8 @@ class VariantRuns:
 
     def run(self, row: Row, seconds: float) -> str:
         """Run a variant, for at most so many wall seconds; return the status of its point."""
-        bench, results, began = self.bench, list[PointResult](), time.time()
+        bench, yardsticks = self.bench, [self._timing(self.own)] if self.own.cpu and self.is_dear(row) else []
+        results, began = list[PointResult](), time.time()
         point = replace(self.points[row], deadline=min(bench.end, began + seconds))
         last = point.deadline + GRACE
         run_points([point], bench.runner, results.append, lambda: time.time() > last, grace=0.0)
@@ -185,6 +186,9 @@ class VariantRuns:
         self.enter(row, result)
         if row.cpu:
             self.beside.append(max(time.time() - began - bench.pace * row.cpu[0], 0.1))
+            if yardsticks:  # its run is a timing, which the scene's own variant before and after it refers to a pace
+                own = [yardstick[1] for yardstick in (*yardsticks, self._timing(self.own)) if yardstick]
+                self.again[row] += [(row.wall[0], row.cpu[0], statistics.mean(own))] if own else []
         self.log(f"{row.variant.name}: {row.message or f'{row.cpu[0]:.3g} s'}")
         return result.status
 
@@ -335,8 +339,10 @@ class VariantRuns:
         while self.time_round(repeats):
             pass
         paces = [own for times in self.again.values() for *_, own in times]
+        single = lone([cpu / own for _, cpu, own in times] for row, times in self.again.items() if row is not self.own)
         for row, times in self.again.items():
             if times:
+                row.single = single
                 row.wall, row.cpu, row.beside = (list(column) for column in zip(*times, strict=True))
                 row.cpu = [cpu * statistics.median(paces) / own for _, cpu, own in times]
 
