@@ -228,9 +228,8 @@ def picture_of_study(built: Study) -> Figure:
     _percents(axes, merit)
     of = f", {textwrap.shorten('; '.join(built.reduction), 70, placeholder=' ...')}" if built.reduction else ""
     axes.set_xlabel(f"processor time [s]{of}", fontsize=9.5, color=INK)
-    figure.suptitle(
-        f"What accuracy costs: {built.title or built.scene}", fontsize=12, fontweight="bold", x=0.01, ha="left", color=INK
-    )
+    title = "\n".join(textwrap.wrap(f"What accuracy costs: {built.title or built.scene}", 58))
+    figure.suptitle(title, fontsize=12, fontweight="bold", x=0.01, ha="left", color=INK)
     axes.set_title("\n".join(textwrap.wrap(advice(built), 90)), loc="left", fontsize=9.5, color=INK)
     figure.legend(fontsize=8.5, frameon=False, loc="outside lower left", ncols=3, handletextpad=0.3, columnspacing=1.2)
     _names(axes, points, _named(built, points), front)
