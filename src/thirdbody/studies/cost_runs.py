@@ -39,7 +39,8 @@ from thirdbody.system.processes import cores
 from thirdbody.units import duration
 
 GRACE = 3.0  # time for a run to end itself [s]
-LATE = 3.0  # a variant is given up after this many times its expected time
+# A variant is given up after this many times its expected time; the finest law not before this fraction of the time left.
+LATE, PATIENCE = 3.0, 0.25
 AFFORDABLE = 0.5  # largest fraction of the time left that the finest law and the reference may take together
 
 # Largest number of timings of a variant; rounds for which time is reserved while variants are run, but for those that take more
@@ -205,6 +206,7 @@ class VariantRuns:
                 self.costs.own, self.costs.other = cpu, self.copy.other * cpu
         elif result.status == INTERRUPTED:
             row.message = f"given up after {result.seconds:.3g} s: it takes longer than expected"
+            self._expect(row, result.seconds / self.bench.pace)
         else:
             row.message = result.reason
 
@@ -261,7 +263,8 @@ class VariantRuns:
                     self._try(row)  # expected to take long, and nothing of its law or integrator is measured
                 else:
                     waiting.remove(row)
-                    self.run(row, LATE * self.predicted(row) + 5.0 * self.bench.pace)
+                    least = PATIENCE * self.bench.left() if self._rank(row) == 0 else 0.0  # the others are predicted from it
+                    self.run(row, max(LATE * self.predicted(row) + 5.0 * self.bench.pace, least))
         needed = duration(self._needed(waiting))
         for row in waiting:
             missing = "its law was not compiled in time" if self.bench.compiling(row.variant.code) else "one of the dearest"
@@ -287,12 +290,18 @@ class VariantRuns:
 
     def _try(self, row: Row) -> None:
         """Measure the expected time of a variant in a short trial. Raises Overdue."""
-        variant = row.variant
         try:
             seconds = self.bench.call(copies.rate_point, self.points[row], 0.5 * DEAR * self.bench.budget)
         except ThirdbodyError:  # its run tells the reason
             seconds = self.costs.own
-        self.costs.laws[self.costs.key(variant)] = seconds * self.costs.of(replace(variant, factor=1.0)) / self.costs.of(variant)
+        self._expect(row, seconds)
+
+    def _expect(self, row: Row, seconds: float) -> None:
+        """Expect at least so many seconds of a variant, and of others with its law accordingly."""
+        variant = row.variant
+        if seconds > self.costs.of(variant) or self.costs.key(variant) not in self.costs.laws:
+            own_step = self.costs.of(replace(variant, factor=1.0)) / self.costs.of(variant)
+            self.costs.laws[self.costs.key(variant)] = seconds * own_step
 
     def _required(self, waiting: Sequence[Row], left: float) -> list[Row]:
         """Return the finest law and the reference, as far as they have to run yet and take at most half of the time left.
