@@ -247,8 +247,12 @@ def merit_in_words(built: Study) -> str:
 
 
 def significant_error(built: Study, row: Row, merit: str) -> float:
-    """Return an error of a variant, at least the scatter of runs from starts 1e-9 apart: smaller ones are equal."""
-    return max(row.errors[merit], built.scatter.get(merit, 0.0))
+    """Return an error of a variant, at least the scatter of runs from starts 1e-9 apart: smaller ones are equal.
+
+    With a faster plate it is at least that of the scene's own speed: a smaller one is chance, as errors cancel.
+    """
+    own = built.default if row.variant.speed > 1.0 else None
+    return max(row.errors[merit], built.scatter.get(merit, 0.0), own.errors.get(merit, 0.0) if own is not None else 0.0)
 
 
 def efficient(built: Study) -> list[Row]:
@@ -300,7 +304,7 @@ def recommended(built: Study) -> tuple[Row, str]:
     """
     merit, default = figure_of_merit(built), built.default
     choices = [row for row in built.rows if row.stable and is_choice(row) and not row.variant.reference]
-    close = [row for row in choices if row.errors[merit] <= max(GOOD, built.scatter.get(merit, 0.0))]
+    close = [row for row in choices if significant_error(built, row, merit) <= max(GOOD, built.scatter.get(merit, 0.0))]
     labels = "state_fraction_error" if is_chaotic(built) else "label_difference"
     limit = max(SAME, built.scatter.get(labels, 0.0))
     good = [row for row in close if not row.errors[labels] > limit]
