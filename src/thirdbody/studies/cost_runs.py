@@ -263,8 +263,8 @@ class VariantRuns:
                     self._try(row)  # expected to take long, and nothing of its law or integrator is measured
                 else:
                     waiting.remove(row)
-                    least = PATIENCE * self.bench.left() if self._rank(row) == 0 else 0.0  # the others are predicted from it
-                    self.run(row, max(LATE * self.predicted(row) + 5.0 * self.bench.pace, least))
+                    minimum = PATIENCE * self.bench.left() if self._rank(row) == 0 else 0.0  # the others are predicted from it
+                    self.run(row, max(LATE * self.predicted(row) + 5.0 * self.bench.pace, minimum))
         needed = duration(self._needed(waiting))
         for row in waiting:
             missing = "its law was not compiled in time" if self.bench.compiling(row.variant.code) else "one of the dearest"
