@@ -17,6 +17,7 @@ from thirdbody_three_spot.exact import EXACT, NODES
 from thirdbody_three_spot.mdr import MDR, SpringParameters
 import thirdbody
 from thirdbody.laws.friction import COULOMB, MINDLIN, CoulombParameters, MindlinParameters
+from thirdbody.laws.memory import MEMORIES
 
 G_STAR = 0.5  # so that the stiffness 2 G* a is the contact radius
 ENDLESS = 1e9  # a friction coefficient that never lets a spot slip
@@ -162,6 +163,19 @@ def test_a_gripped_body_keeps_its_static_force(level, count, tmp_path):
         assert len(force) == count + 1 and residual < 1e-6, (name, residual)
         assert "beat" in name or np.abs(force[3:] - force[3]).max() < 1e-3, (name, force)
         assert level == "coulomb" or np.abs(force - right).max() < (0.085 if level == "mindlin" else 0.03), (name, force, right)
+
+
+@each([1.0, 1.0 - 1e-12, 1.0 + 1e-12])
+def test_an_open_ring_of_next_to_no_width_carries_no_force(ratio):
+    """A history that a fretting run reached: force over this width is 1e152 m, whose square times no area was no number."""
+    closed = (8.150891517288983e-09, -4.729233648793326e-10, 7.5e-19, 14525.718178696829, -4.729234194476649e-10, 7.5e-19)
+    force, energy, stiffness, slip = -6.869552311006247e-06, 1.6243860844978187e-15, 14525.718178706033, 1e-20
+    memory = (force, 1.0934547342512157e-14, energy, stiffness, 1.3544657617346416e-174, *closed)
+    spring, new = MEMORIES[2].step(slip, slip, memory, ratio * stiffness, 1e-4, 1.0)
+    assert np.isfinite([*spring, *new]).all()
+    # sticking: the spring of this stiffness, and the energy changes by the work; an area smaller by 1e-12 loses as much
+    assert spring.x == pytest.approx(force - stiffness * slip, rel=2e-12)
+    assert spring.stored + spring.dissipated == pytest.approx(energy - force * slip, rel=1e-11)
 
 
 def test_a_force_pressed_and_sheared_together_comes_back():

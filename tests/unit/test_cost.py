@@ -116,6 +116,8 @@ def test_the_speed_of_a_scene_has_an_error_of_its_own(made, capsys):
     made.rows[7].outcome = outcome(friction=np.array([0.3 * 1.05 / 1.04]))
     speed, error = cost.speed_error(made)
     assert speed == 1.0 / 3.0 and error == pytest.approx(0.04, rel=1e-9)
+    assert cost.recommended(made)[0].variant.name == "mdr 16"  # errors of law and speed that cancel recommend nothing
+    made.default.errors = dict.fromkeys(made.default.errors, 0.005)
     assert cost.recommended(made)[0].variant.name == "mindlin, speed x3"
     assert all(entry.variant.speed >= 1.0 for entry in cost.efficient(made))
     report = cost_report.as_json(made)

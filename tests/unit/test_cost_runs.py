@@ -35,7 +35,7 @@ from thirdbody.studies.cost_command import StudyOptions, cost_command, study
 from thirdbody.studies.cost_report import LEFT_OUT, as_json, convergence, falling
 from thirdbody.studies.cost_runs import Bench, Overdue, VariantRuns, repeats_of
 from thirdbody.studies.point import DONE, INTERRUPTED, Point, PointResult, run_point
-from thirdbody.studies.timing import NUDGE, Late, bare, nudge, slower, timing
+from thirdbody.studies.timing import NUDGE, Late, bare, lone, nudge, slower, timing
 from thirdbody.studies.variants import Costs
 from .test_cost import EXPLICIT, IMPLICIT, SCENE, TWO, ladder, made, outcome  # noqa: F401
 
@@ -108,11 +108,11 @@ def test_the_json_and_the_picture_have_every_variant(made, tmp_path):  # noqa: F
     assert report["variants"][3]["time_ratio"] == 2.0 and report["variants"][3]["springs"] == 16
     assert report["variants"][-2]["stable"] is False
     figure = pictures.picture_of_study(made)
-    axes, legend = figure.axes[0], {text.get_text() for text in figure.legends[0].get_texts()}
-    assert {"coulomb", "mindlin", "mdr 8", "mdr 16", "exact", "step x4"} <= {text.get_text() for text in axes.texts}
-    assert {"efficient front, to the reference", "as in the scene", "recommended"} <= legend
-    line = next(line for line in axes.lines if line.get_label() == "efficient front, to the reference")
-    assert list(line.get_xdata()) == [0.5, 1.0, 2.0, 4.0, 9.0, 30.0]
+    axes = figure.axes[0]
+    names = {text.get_text() for text in axes.texts}
+    assert {"coulomb", "mindlin (as in the scene)", "exact, step /4 (reference)"} <= names
+    assert "recommended" in "".join(names) and axes.get_title(loc="left").replace("\n", " ") == report["recommended"]["advice"]
+    assert [0.5, 1.0, 2.0, 4.0, 9.0, 30.0] in [list(line.get_xdata()) for line in axes.lines]  # the front
     save(figure, tmp_path / "cost.png")
     assert drawn(tmp_path / "cost.png") > 0.02
 
@@ -264,6 +264,10 @@ def test_a_copy_takes_the_time_that_it_is_made_for(file, tmp_path):
 def test_medians_how_far_they_may_be_off_and_that_noise_recommends_nothing(made):  # noqa: F811
     # one alone tells a factor of two, a few half their range; that two agree may be chance
     assert (timing([2.0]), timing([1.0, 2.0, 4.0]), timing([2.0, 2.0])) == ((2.0, 1.0), (2.0, 1.5), (2.0, 0.5))
+    assert timing([2.0], 0.1) == (2.0, pytest.approx(0.2, rel=1e-12))
+    # how far the others vary tells it of a single one: 95 % of 21 even values are within 0.2; few samples or values tell nothing
+    assert lone([np.linspace(0.8, 1.2, 21)]) == pytest.approx(0.2, rel=1e-12) and lone([np.ones(21)]) == 0.1
+    assert lone([np.ones(4)] * 9) == lone([np.ones(19)]) == 0.5
     many = timing([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0])
     assert many.seconds == 5.0 and many.half == pytest.approx(1.57 * 4.0 / 3.0, rel=1e-12)
     assert timing([1.0] * 9).half == 0.03  # what repeats in one process cannot tell

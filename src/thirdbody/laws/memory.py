@@ -138,7 +138,7 @@ HISTORY = ("force_x", "force_y", "energy", "stiffness", "open", "outer", "outer_
 def cut(memory, stiffness):
     """Rings of a memory (HISTORY) that are left of an area of this stiffness [N/m]."""
     x, y, energy, _, width, outer, outer_x, outer_y, inner, inner_x, inner_y = memory
-    inverse = 1.0 / max(width, 1e-300) if width > 0.0 else 0.0  # a ring of no width has no displacement
+    inverse = 1.0 / max(width, 1e-300) if width > 1e-15 * (outer + inner) else 0.0  # a narrower one's displacement is rounding
     open_x, open_y = inverse * (x - outer * outer_x - inner * inner_x), inverse * (y - outer * outer_y - inner * inner_y)
     one = min(inner, stiffness)
     two = min(outer, stiffness - one)

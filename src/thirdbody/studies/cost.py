@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from thirdbody.errors import UsageError
-from thirdbody.studies.timing import Timing, slower, timing
+from thirdbody.studies.timing import LONE, Timing, slower, timing
 from thirdbody.studies.variants import Variant
 
 GOOD, SAME = 0.01, 0.01  # friction error and fraction of changed labels that a recommended variant may have
@@ -145,7 +145,7 @@ class Row:
     """Result of one variant.
 
     `wall`, `cpu`: seconds of its repeats; `outcome`: None for a variant without result; `beside`: seconds of the scene's own
-    variant, timed alternately with it.
+    variant, timed alternately with it; `single`: relative uncertainty of one timing.
     """
 
     variant: Variant
@@ -158,11 +158,12 @@ class Row:
     outcome: Outcome | None = None
     errors: dict[str, float] = field(default_factory=dict)
     beside: list[float] = field(default_factory=list)
+    single: float = LONE
 
     @property
     def timing(self) -> Timing:
         """Cost of the variant [s of the processor], with its uncertainty."""
-        return timing(self.cpu)
+        return timing(self.cpu, self.single)
 
     @property
     def seconds(self) -> float:
@@ -246,8 +247,12 @@ def merit_in_words(built: Study) -> str:
 
 
 def significant_error(built: Study, row: Row, merit: str) -> float:
-    """Return an error of a variant, at least the scatter of runs from starts 1e-9 apart: smaller ones are equal."""
-    return max(row.errors[merit], built.scatter.get(merit, 0.0))
+    """Return an error of a variant, at least the scatter of runs from starts 1e-9 apart: smaller ones are equal.
+
+    With a faster plate it is at least that of the scene's own speed: a smaller one is chance, as errors cancel.
+    """
+    own = built.default if row.variant.speed > 1.0 else None
+    return max(row.errors[merit], built.scatter.get(merit, 0.0), own.errors.get(merit, 0.0) if own is not None else 0.0)
 
 
 def efficient(built: Study) -> list[Row]:
@@ -299,7 +304,7 @@ def recommended(built: Study) -> tuple[Row, str]:
     """
     merit, default = figure_of_merit(built), built.default
     choices = [row for row in built.rows if row.stable and is_choice(row) and not row.variant.reference]
-    close = [row for row in choices if row.errors[merit] <= max(GOOD, built.scatter.get(merit, 0.0))]
+    close = [row for row in choices if significant_error(built, row, merit) <= max(GOOD, built.scatter.get(merit, 0.0))]
     labels = "state_fraction_error" if is_chaotic(built) else "label_difference"
     limit = max(SAME, built.scatter.get(labels, 0.0))
     good = [row for row in close if not row.errors[labels] > limit]

@@ -123,7 +123,8 @@ def as_json(built: Study) -> dict[str, Any]:
     return {
         "scene": built.scene, "title": built.title, "machine": built.machine, "reduction": built.reduction,
         "scatter": dict(built.scatter), "budget_s": built.budget, "took_s": built.elapsed,
-        "reference": built.reference.variant.name, "recommended": {"variant": row.variant.name, "words": words},
+        "reference": built.reference.variant.name,
+        "recommended": {"variant": row.variant.name, "advice": advice(built), "words": words},
         "speed_error": speed_error(built)[1],
         "variants": [_row_as_json(entry, base, entry in front) for entry in built.rows],
         "convergence": convergence(built),
@@ -179,6 +180,18 @@ def print_study(built: Study) -> None:
     own = report["reference_error"]
     words = "not known, its steps show no order" if math.isnan(own) else f"about {percent(own)}, extrapolated from its steps"
     print(f"error of the reference itself: {words}; smaller differences are not significant")
+
+
+def advice(built: Study) -> str:
+    """Return in one sentence what to do: which settings to change, and what that gains and costs."""
+    row, default, merit = recommended(built)[0], built.default, figure_of_merit(built)
+    what, own = merit_in_words(built), None if default is None or not default.stable else default
+    if own is None or row is own:
+        return f"Keep {row.variant.name}: its error in {what} is {percent(row.errors[merit])}."
+    keys = {key: value for key, value in row.variant.changes.items() if own.variant.changes.get(key, "auto") != value}
+    settings = ", ".join(f"{key} = {value}" if value is not None else f"no {key}" for key, value in keys.items())
+    gain = f"{percent(row.errors[merit])} error in {what} instead of {percent(own.errors[merit])}"
+    return f"Set {settings}: {gain}, in {row.seconds / own.seconds:.2g} times the time."
 
 
 def scatter_words(built: Study) -> str:

@@ -32,14 +32,15 @@ from thirdbody.studies.plan import AxisColumn, Plan
 from thirdbody.studies.point import DONE, INTERRUPTED, WAITING, Point, PointResult
 from thirdbody.studies.results import DEFAULT, STATES
 from thirdbody.studies.runner import run_points
-from thirdbody.studies.timing import Late, timing
+from thirdbody.studies.timing import Late, lone, timing
 from thirdbody.studies.variants import SPRINGS, UNTIMED, Code, Costs, code_of, laws_of, springs_option, variants_of
 from thirdbody.studies.workers import LocalWorkers
 from thirdbody.system.processes import cores
 from thirdbody.units import duration
 
 GRACE = 3.0  # time for a run to end itself [s]
-LATE = 3.0  # a variant is given up after this many times its expected time
+# A variant is given up after this many times its expected time; the finest law not before this fraction of the time left.
+LATE, PATIENCE = 3.0, 0.25
 AFFORDABLE = 0.5  # largest fraction of the time left that the finest law and the reference may take together
 
 # Largest number of timings of a variant; rounds for which time is reserved while variants are run, but for those that take more
@@ -172,7 +173,8 @@ class VariantRuns:
 
     def run(self, row: Row, seconds: float) -> str:
         """Run a variant, for at most so many wall seconds; return the status of its point."""
-        bench, results, began = self.bench, list[PointResult](), time.time()
+        bench, yardsticks = self.bench, [self._timing(self.own)] if self.own.cpu and self.is_dear(row) else []
+        results, began = list[PointResult](), time.time()
         point = replace(self.points[row], deadline=min(bench.end, began + seconds))
         last = point.deadline + GRACE
         run_points([point], bench.runner, results.append, lambda: time.time() > last, grace=0.0)
@@ -185,6 +187,9 @@ class VariantRuns:
         self.enter(row, result)
         if row.cpu:
             self.beside.append(max(time.time() - began - bench.pace * row.cpu[0], 0.1))
+            if yardsticks:  # its run is a timing, which the scene's own variant before and after it refers to a pace
+                own = [yardstick[1] for yardstick in (*yardsticks, self._timing(self.own)) if yardstick]
+                self.again[row] += [(row.wall[0], row.cpu[0], statistics.mean(own))] if own else []
         self.log(f"{row.variant.name}: {row.message or f'{row.cpu[0]:.3g} s'}")
         return result.status
 
@@ -201,6 +206,7 @@ class VariantRuns:
                 self.costs.own, self.costs.other = cpu, self.copy.other * cpu
         elif result.status == INTERRUPTED:
             row.message = f"given up after {result.seconds:.3g} s: it takes longer than expected"
+            self._expect(row, result.seconds / self.bench.pace)
         else:
             row.message = result.reason
 
@@ -257,7 +263,8 @@ class VariantRuns:
                     self._try(row)  # expected to take long, and nothing of its law or integrator is measured
                 else:
                     waiting.remove(row)
-                    self.run(row, LATE * self.predicted(row) + 5.0 * self.bench.pace)
+                    minimum = PATIENCE * self.bench.left() if self._rank(row) == 0 else 0.0  # the others are predicted from it
+                    self.run(row, max(LATE * self.predicted(row) + 5.0 * self.bench.pace, minimum))
         needed = duration(self._needed(waiting))
         for row in waiting:
             missing = "its law was not compiled in time" if self.bench.compiling(row.variant.code) else "one of the dearest"
@@ -283,12 +290,18 @@ class VariantRuns:
 
     def _try(self, row: Row) -> None:
         """Measure the expected time of a variant in a short trial. Raises Overdue."""
-        variant = row.variant
         try:
             seconds = self.bench.call(copies.rate_point, self.points[row], 0.5 * DEAR * self.bench.budget)
         except ThirdbodyError:  # its run tells the reason
             seconds = self.costs.own
-        self.costs.laws[self.costs.key(variant)] = seconds * self.costs.of(replace(variant, factor=1.0)) / self.costs.of(variant)
+        self._expect(row, seconds)
+
+    def _expect(self, row: Row, seconds: float) -> None:
+        """Expect at least so many seconds of a variant, and of others with its law accordingly."""
+        variant = row.variant
+        if seconds > self.costs.of(variant) or self.costs.key(variant) not in self.costs.laws:
+            own_step = self.costs.of(replace(variant, factor=1.0)) / self.costs.of(variant)
+            self.costs.laws[self.costs.key(variant)] = seconds * own_step
 
     def _required(self, waiting: Sequence[Row], left: float) -> list[Row]:
         """Return the finest law and the reference, as far as they have to run yet and take at most half of the time left.
@@ -335,8 +348,10 @@ class VariantRuns:
         while self.time_round(repeats):
             pass
         paces = [own for times in self.again.values() for *_, own in times]
+        single = lone([cpu / own for _, cpu, own in times] for row, times in self.again.items() if row is not self.own)
         for row, times in self.again.items():
             if times:
+                row.single = single
                 row.wall, row.cpu, row.beside = (list(column) for column in zip(*times, strict=True))
                 row.cpu = [cpu * statistics.median(paces) / own for _, cpu, own in times]
 

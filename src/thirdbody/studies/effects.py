@@ -22,7 +22,6 @@ from thirdbody.scene.model import Scene
 from thirdbody.studies.copies import StudySource, portable, reduce_scene, reductions, time_point
 from thirdbody.studies.cost import errors, percent, read_outcome
 from thirdbody.studies.folder import RUNS, SCENE_FILE
-from thirdbody.studies.pictures import add_texts
 from thirdbody.studies.point import DONE, Point, run_point
 from thirdbody.studies.timing import NUDGE, Late, machine
 from thirdbody.studies.workers import LocalWorkers
@@ -211,7 +210,10 @@ def picture(report: dict[str, Any]) -> Figure:
         f"Computed: {reduction}; {seconds:.2g} s of one core, {report['machine']['cpu']}.",
         *(f"Failed: {textwrap.shorten(words, 130, placeholder=' ...')}" for words in _failed(report)),
     ]
-    add_texts(figure, time, f"What effects cost and change: {report['title'] or report['scene']}", lines, 90)
+    title = f"What effects cost and change: {report['title'] or report['scene']}"
+    figure.suptitle(title, fontsize=12, fontweight="bold", x=0.01, ha="left", color=INK)
+    text = "\n".join(line for words in lines for line in textwrap.wrap(words, 90))
+    time.set_title(text, loc="left", fontsize=8, color=SOFT_INK)
     figure.legend(fontsize=8, frameon=False, loc="outside lower right", ncols=4)
     return figure
 

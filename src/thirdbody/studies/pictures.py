@@ -13,11 +13,10 @@ import numpy as np
 from thirdbody.errors import InputError, UsageError, nearest
 from thirdbody.palette import INK, LINE_COLORS, SOFT_INK, STATE_COLORS
 from thirdbody.plot.figures import check_format, save
-from thirdbody.studies.cost import Row, Study, efficient, figure_of_merit, percent, recommended
-from thirdbody.studies.cost_report import reference_error, scatter_words, speed_words, stopped
+from thirdbody.studies.cost import Row, Study, efficient, figure_of_merit, recommended
+from thirdbody.studies.cost_report import advice, reference_error
 from thirdbody.studies.folder import Average, SweepTable, average
 from thirdbody.studies.results import EVER, FRACTION
-from thirdbody.studies.timing import described
 from thirdbody.units import prefix_for
 
 if TYPE_CHECKING:
@@ -33,12 +32,12 @@ ONE_BY_ONE = ("friction_coefficient", "fraction_rolling", "fraction_sliding", "f
 COLORS = [LINE_COLORS[name] for name in ("blue", "vermilion", "green", "purple", "orange", "sky", "black")]
 Panel = tuple[str, tuple[str, ...]]  # a panel: its title and the results that it shows
 AXES = {  # axis of the study: label, colour, marker; shapes distinguish them without colours
-    "law": ("contact law and springs", LINE_COLORS["blue"], "o"),
-    "step": ("step of the integrator", LINE_COLORS["vermilion"], "s"),
+    "law": ("another law or springs", LINE_COLORS["blue"], "o"),
+    "step": ("another step", LINE_COLORS["vermilion"], "s"),
     "integrator": ("the other integrator", LINE_COLORS["green"], "D"),
-    "speed": ("speed of the plate", LINE_COLORS["sky"], "P"),
-    "fine": ("step with the finest law", LINE_COLORS["purple"], "^"),
-    "meeting": ("bodies that do not meet", LINE_COLORS["black"], "X"),
+    "speed": ("another speed of the plate", LINE_COLORS["sky"], "P"),
+    "fine": ("finest law, another step", LINE_COLORS["purple"], "^"),
+    "meeting": ("bodies do not meet", LINE_COLORS["black"], "X"),
 }
 NOTHING = 1e-12  # smaller errors are drawn at this value: a variant with identical bits has none
 
@@ -204,39 +203,50 @@ def _short(key: str) -> str:
 
 
 def picture_of_study(built: Study) -> Figure:
-    """Return the picture as a matplotlib figure."""
+    """Return the picture as a matplotlib figure: error over processor time with its spread, and the front as a line."""
     from matplotlib.figure import Figure
 
     merit = figure_of_merit(built)
-    figure = Figure(figsize=(8.27, 6.0), layout="constrained")
+    figure = Figure(figsize=(7.0, 4.7), layout="constrained")
     axes = figure.add_subplot()
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.grid(True, which="major", alpha=0.25, linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)
-    points = _points(built, merit)
+    axes.tick_params(which="both", labelsize=9)
+    points, front = _points(built, merit), efficient(built)
     for axis, (label, color, marker) in AXES.items():
         here = [row for row in points if row.variant.axis == axis and row is not built.reference]
         if here:
             x, y = zip(*(points[row] for row in here), strict=True)
             axes.errorbar(x, y, xerr=_error_bars(here), fmt=marker, color=color,
-                          markersize=6.5, elinewidth=1.0, capsize=2.0, label=label, markeredgecolor="white", markeredgewidth=0.6,
+                          markersize=6.0, elinewidth=0.9, capsize=0.0, label=label, markeredgecolor="white", markeredgewidth=0.6,
                           zorder=3)  # fmt: skip
-    front = [row for row in efficient(built) if row in points]
-    # steps: between two variants more time gains nothing until it suffices for the next one
-    axes.plot(*zip(*(points[row] for row in front), strict=True), color=INK, linewidth=1.2, linestyle="--",
-              drawstyle="steps-post", zorder=2, label="efficient front, to the reference")  # fmt: skip
-    ringed = _marks(axes, built, points, merit)
-    axes.margins(x=0.15, y=0.08)  # room for names
-    _names(axes, points, front, ringed)
-    what = {"friction_error": "friction curve", "mean_friction_error": "mean friction", "load_error": "load or gap"}[merit]
-    how = "relative" if merit == "mean_friction_error" else "rms over the mean"
-    axes.set_xlabel("seconds of one core for the integration (bar: how far the median may be off; bars that overlap are ties)",
-                    fontsize=9)  # fmt: skip
-    axes.set_ylabel(f"error of the {what} ({how})", fontsize=9)
-    axes.tick_params(which="both", labelsize=8)
-    _texts(figure, axes, built)
+    axes.plot(*zip(*(points[row] for row in front if row in points), strict=True), color=INK, linewidth=1.4, alpha=0.6, zorder=2)
+    _marks(axes, built, points, merit)
+    axes.margins(x=0.17, y=0.1)  # room for names
+    _percents(axes, merit)
+    of = f", {textwrap.shorten('; '.join(built.reduction), 70, placeholder=' ...')}" if built.reduction else ""
+    axes.set_xlabel(f"processor time [s]{of}", fontsize=9.5, color=INK)
+    title = "\n".join(textwrap.wrap(f"What accuracy costs: {built.title or built.scene}", 58))
+    figure.suptitle(title, fontsize=12, fontweight="bold", x=0.01, ha="left", color=INK)
+    axes.set_title("\n".join(textwrap.wrap(advice(built), 90)), loc="left", fontsize=9.5, color=INK)
+    figure.legend(fontsize=8.5, frameon=False, loc="outside lower left", ncols=3, handletextpad=0.3, columnspacing=1.2)
+    _names(axes, points, _named(built, points), front)
     return figure
+
+
+def _percents(axes: Axes, merit: str) -> None:
+    """Label both axes of errors and seconds in plain numbers."""
+    from matplotlib.ticker import FuncFormatter
+
+    what = {"friction_error": "friction", "mean_friction_error": "mean friction", "load_error": "load or gap"}[merit]
+    axes.set_ylabel(f"error in {what}", fontsize=9.5, color=INK)
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100.0 * value:.3g} %"))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    low, high = axes.get_xlim()
+    if high < 30.0 * low:  # a decade alone would leave one number
+        axes.xaxis.set_minor_formatter(FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else ""))
 
 
 def _points(built: Study, merit: str) -> dict[Row, tuple[float, float]]:
@@ -255,71 +265,62 @@ def _error_bars(rows: list[Row]) -> list[list[float]]:
     return [halves, halves]
 
 
-def _marks(axes: Any, built: Study, points: dict[Row, tuple[float, float]], merit: str) -> set[Row]:
-    """Draw rings, the reference and the line of the steps' effect; return the rows with a ring."""
-    default, best, reference = built.default, recommended(built)[0], built.reference
-    ringed = set()
-    for row, color, size, label in (
-        (default, LINE_COLORS["black"], 15.0, "as in the scene"), (best, LINE_COLORS["orange"], 20.0, "recommended"),
-    ):  # fmt: skip
-        if row is not None and row.stable and not row.variant.reference:
-            axes.plot(*points[row], "o", markersize=size, markerfacecolor="none", markeredgecolor=color,
-                      markeredgewidth=1.6, label=label, zorder=4)  # fmt: skip
-            ringed.add(row)
-    apart, lowest = built.scatter.get(merit, 0.0), min(y for _, y in points.values())
-    if apart > 0.1 * lowest:  # far below all errors words suffice
-        label = "runs from starts 1e-9 apart differ by this"
-        axes.axhspan(0.0, apart, color=SOFT_INK, alpha=0.15, linewidth=0.0, zorder=0, label=label)
-    x, y = points[reference]
-    own = reference_error(built)
-    unknown = math.isnan(own)
-    label = "reference (its error is 0 by definition)" if unknown else f"reference (its own error: about {percent(own)})"
-    marker, size = ("v", 7.0) if unknown else ("*", 10.0)
-    axes.errorbar([x], [y], xerr=_error_bars([reference]), fmt=marker, color=INK, markersize=size, markerfacecolor="white",
-                  elinewidth=1.0, capsize=2.0, label=label, zorder=3)  # fmt: skip
-    laws = [row for row in built.rows if row.variant.axis == "law" and row.stable and row is not reference]
-    if laws and laws[-1].errors[merit] > 0.0:
-        axes.axhline(laws[-1].errors[merit], color=SOFT_INK, linewidth=1.0, linestyle="-.", zorder=1,
-                     label=f"{laws[-1].variant.name}: what the step alone changes")  # fmt: skip
-    return ringed
+def _marks(axes: Any, built: Study, points: dict[Row, tuple[float, float]], merit: str) -> None:
+    """Draw the reference, a ring around the recommended variant, and how far runs from almost equal starts part."""
+    best, reference = recommended(built)[0], built.reference
+    axes.errorbar([points[reference][0]], [points[reference][1]], xerr=_error_bars([reference]), fmt="*", color=INK,
+                  markersize=10.0, markerfacecolor="white", elinewidth=0.9, zorder=3)  # fmt: skip
+    if best in points:
+        axes.plot(*points[best], "o", markersize=14.0, markerfacecolor="none", markeredgecolor=LINE_COLORS["orange"],
+                  markeredgewidth=2.0, zorder=4)  # fmt: skip
+    apart = built.scatter.get(merit, 0.0)
+    if apart > 0.1 * min(y for _, y in points.values()):
+        axes.axhspan(0.0, apart, color=SOFT_INK, alpha=0.15, linewidth=0.0, zorder=0, label="scatter of runs from equal starts")
+
+
+def _named(built: Study, points: Iterable[Row]) -> dict[Row, str]:
+    """Return the names of the points, those that a reader searches for with what they are."""
+    own = next((row.variant.name.split(",")[0] for row in points if row.variant.axis != "law"), "")
+    parts = {built.default: "as in the scene", recommended(built)[0]: "recommended", built.reference: "reference"}
+    roles = {row: [role for other, role in parts.items() if other is row] for row in points}
+    if built.default is recommended(built)[0] and built.default in roles:
+        roles[built.default] = ["as in the scene, recommended"]
+    short = {row: row.variant.name.removeprefix(f"{own}, ") for row in points}
+    return {row: f"{name} ({roles[row][0]})" if roles[row] else name for row, name in short.items()}
 
 
 Box = tuple[float, float, float, float]  # left, bottom, right and top of an item of the picture, in its pixels
 
 
-def _names(axes: Any, points: dict[Row, tuple[float, float]], front: list[Row], ringed: set[Row]) -> None:
-    """Draw a name near each point, where it covers the least: other names and points first, then the front."""
+def _names(axes: Any, points: dict[Row, tuple[float, float]], names: dict[Row, str], front: list[Row]) -> None:
+    """Draw a name near each point, where it covers the least: those of the front first, others pale and where there is room."""
     from matplotlib.patheffects import withStroke
 
-    axes.figure.canvas.draw()
+    axes.figure.draw_without_rendering()  # layout and limits
     scale = axes.figure.dpi / 72.0
     dots = {row: axes.transData.transform(point) for row, point in points.items()}
     occupied: list[Box] = []
-    corners, inside = [dots[row] for row in front], axes.bbox.extents
-    pairs = list(zip(corners, corners[1:], strict=False))
-    steps = [(a[0], a[1], b[0], a[1]) for a, b in pairs]
-    steps += [(b[0], min(a[1], b[1]), b[0], max(a[1], b[1])) for a, b in pairs]
-    own = next((row.variant.name.split(",")[0] for row in points if row.variant.axis != "law"), "")
-    for row in sorted(points, key=lambda row: dots[row][0]):
-        text, (x, y) = row.variant.name.removeprefix(f"{own}, "), dots[row]
-        width, height = 3.9 * len(text) * scale, 9.5 * scale
-        off = 9.0 if row in ringed else 0.0  # outside the ring
-        others = [(px - r, py - r, px + r, py + r) for key, (px, py) in dots.items() if key != row
-                  for r in (scale * (10.5 if key in ringed else 1.5),)]  # fmt: skip
+    inside = axes.bbox.extents
+    for row in sorted(points, key=lambda row: ("(" not in names[row], row not in front, dots[row][0])):
+        text, (x, y), chosen = names[row], dots[row], row in front or "(" in names[row]
+        size = 9.0 if chosen else 8.0
+        width, height, off = 0.54 * size * len(text) * scale, 1.25 * size * scale, 6.0 if "recommended" in text else 0.0
+        others = [(px - r, py - r, px + r, py + r) for key, (px, py) in dots.items() if key != row for r in (4.0 * scale,)]
         result: list[tuple[float, Box, tuple[float, float]]] = []
         for dx, dy in ((dx + math.copysign(off, dx), dy + math.copysign(0.5 * off, dy)) for dx, dy in _AROUND):
             left, middle = x + dx * scale - (width if dx < 0 else 0.0), y + dy * scale
             box = (left, middle - 0.5 * height, left + width, middle + 0.5 * height)
             out = box[0] < inside[0] or box[2] > inside[2] or box[1] < inside[1] or box[3] > inside[3]
             hidden = sum(_boxes_overlap(box, other) for other in [*occupied, *others]) + out
-            crossed = any(_boxes_overlap(box, step) for step in steps)
             away = 0.1 * math.hypot(dx, dy) + 0.8 * (dx < 0) + 0.4 * (dy < 0)  # prefer above and to the right
-            result.append((10.0 * hidden + 1.5 * crossed + away, box, (dx, dy)))
-        _, box, shift = min(result)
+            result.append((HIDES * hidden + away, box, (dx, dy)))
+        worth, box, shift = min(result)
+        if worth > HIDES and not chosen:
+            continue
         occupied.append(box)
         distant = max(abs(shift[0]) - 6.0, abs(shift[1])) > 12.0 + off
-        axes.annotate(text, points[row], xytext=shift, textcoords="offset points", fontsize=7.0, va="center",
-                      ha="left" if shift[0] > 0 else "right", color=INK, zorder=5,
+        axes.annotate(text, points[row], xytext=shift, textcoords="offset points", fontsize=size, va="center",
+                      ha="left" if shift[0] > 0 else "right", color=INK if chosen else SOFT_INK, zorder=5,
                       path_effects=[withStroke(linewidth=2.0, foreground="white")],
                       arrowprops={"arrowstyle": "-", "color": SOFT_INK, "linewidth": 0.5} if distant else None)  # fmt: skip
 
@@ -328,29 +329,8 @@ def _boxes_overlap(a: Box, b: Box) -> bool:
     return a[0] <= b[2] and b[0] <= a[2] and a[1] <= b[3] and b[1] <= a[3]
 
 
+HIDES = 15.0  # penalty of a name on another name or point; more than that of the farthest offset
 _AROUND = [
     (dx, side * dy) for distant in (3, 45, 90) for dy in (9, 18, 27, 36, 48) for side in (1, -1) for dx in (distant, -distant)
 ]
 """Offsets of a name from its point [points]."""
-
-
-def _texts(figure: Any, axes: Any, built: Study) -> None:
-    report, failed = built.machine, list[str]()
-    for message, names in stopped(built).items():  # without the time at which a run stopped
-        reason = message.partition(": ")[2] if message.startswith("stopped at") and ": " in message else message
-        failed.append(f"{'; '.join(names)} ({textwrap.shorten(reason.split(',')[0], 80, placeholder=' ...')})")
-    lines = [
-        f"Recommended: {recommended(built)[1].replace('`', '')}.",
-        f"Computed: {'; '.join(built.reduction) or 'the whole scene'}; {described(report)}, one of {report['cores']} cores.",
-        *(words[0].upper() + words[1:] + "." for words in (scatter_words(built), speed_words(built)) if words),
-        *([f"Not shown: {'. '.join(failed)}."] if failed else []),
-    ]
-    add_texts(figure, axes, f"What accuracy costs: {built.title or built.scene}", lines, 118)
-    figure.legend(fontsize=8, frameon=False, loc="outside lower left", ncols=3, markerscale=0.6)
-
-
-def add_texts(figure: Any, axes: Any, title: str, lines: Iterable[str], width: int) -> None:
-    """Write the title of a picture, and lines below it, each wrapped to so many letters."""
-    figure.suptitle(title, fontsize=12, fontweight="bold", x=0.01, ha="left", color=INK)
-    text = "\n".join(line for text in lines for line in textwrap.wrap(text, width))
-    axes.set_title(text, loc="left", fontsize=8, color=SOFT_INK)

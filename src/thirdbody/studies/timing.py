@@ -7,7 +7,7 @@ import os
 import platform
 import statistics
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 
 EMPTY = 50  # number of timed calls that do nothing, for the cost of a call
 
-LONE, FLOOR, FEW = 0.5, 0.03, 5
+LONE, KNOWN_LONE, FLOOR, FEW, MANY = 0.5, 0.1, 0.03, 5, 20
 """Relative uncertainties of timings.
 
-A single one: the same run varies so on a busy machine; of n timings, fewer than FEW, it is at least LONE/n, as their agreement
-may be chance, and the whole range is used, since quartiles mean nothing. Repeats do not lower it below FLOOR: the layout of
-memory alone changes times by some per cent.
+A single one: a run varies by LONE on a busy machine, and by at least KNOWN_LONE where others were timed beside it (`lone`).
+Of fewer than FEW timings it is half the range, since quartiles mean nothing, and at least that of a single one over their number,
+as their agreement may be chance. It is at least FLOOR: the layout of memory alone changes times by some per cent.
 """
 
 NUDGE = 1e-9  # standard deviation of the displacements of a start, in parts of a body's size, and of the rotations [rad]
@@ -149,8 +149,8 @@ class Timing(NamedTuple):
         return self.half / self.seconds if self.seconds > 0.0 else math.inf
 
 
-def timing(values: Sequence[float]) -> Timing:
-    """Return the median and its half width; NaN and infinity without values.
+def timing(values: Sequence[float], single: float = LONE) -> Timing:
+    """Return the median and its half width; NaN and infinity without values. `single`: relative half width of a single value.
 
     Notches 1.57 IQR/sqrt(n), which overlap for equal medians in 95 % of cases (McGill, Tukey and Larsen, The American
     Statistician 32:12, 1978); of fewer than five values half their range.
@@ -160,11 +160,22 @@ def timing(values: Sequence[float]) -> Timing:
         return Timing(math.nan, math.inf)
     middle = statistics.median(values)
     if n < FEW:
-        half = max(0.5 * (max(values) - min(values)), LONE * middle / n)
+        half = max(0.5 * (max(values) - min(values)), single * middle / n)
     else:
         low, _, high = statistics.quantiles(values, n=4, method="inclusive")
         half = 1.57 * (high - low) / math.sqrt(n)
     return Timing(middle, max(half, FLOOR * middle))
+
+
+def lone(samples: Iterable[Sequence[float]]) -> float:
+    """Return the relative half width of a single value: what 95 % of the values differ from the median of their sample.
+
+    Samples of fewer than FEW values tell nothing; LONE where the others have fewer than MANY values.
+    """
+    many = [np.asarray(sample) for sample in samples if len(sample) >= FEW]
+    apart = [abs(sample / np.median(sample) - 1.0) for sample in many]
+    known = np.concatenate(apart) if apart else np.empty(0)
+    return max(float(np.percentile(known, 95)), KNOWN_LONE) if len(known) >= MANY else LONE
 
 
 def slower(a: Timing, b: Timing) -> bool:
