@@ -90,12 +90,12 @@ def _row(run: RunFile, units: dict[str, str]) -> dict[str, Any]:
 
 
 def _settings(run: RunFile) -> dict[str, Any]:
-    """Return the scene of a run, and what else its numbers depend on: law, time step, versions, sources of plug-ins."""
-    step, prints = run.summary().get("time_step"), read_prints(run.path.parent)
-    other = {name: run.header[name] for name in ("law", "integrator", "versions") if name in run.header}
-    other |= {"time_step": pretty(step, "time")} if step else {}
+    """Return the scene of a run, and what else its numbers depend on: law, time step, versions, sources of laws and effects."""
+    step, prints = run.drag.stored.get("time_step"), read_prints(run.path.parent)
+    other = {name: run.header[name] for name in ("law", "versions") if name in run.header}
+    other |= {"integrator": run.header.get("integrator", {}).get("name")} | ({"time_step": pretty(step, "time")} if step else {})
     code = {name.removeprefix("the ").replace(" ", "_"): text for name, text in prints.items() if "sources" in text}
-    return run.scene_tables | other | {"code": code}
+    return run.scene_tables | other | ({"code": code} if code else {})
 
 
 def _series(run: RunFile, axis: str) -> dict[str, Array]:
@@ -104,7 +104,10 @@ def _series(run: RunFile, axis: str) -> dict[str, Array]:
     if "upper_force" in series:
         series["load"] = np.abs(series["upper_force"][:, 2])
     names = [name for name in series if name in ("friction_coefficient", "gap", "load") or name.startswith(FRACTION)]
-    return {axis: _abscissa(run, axis)[start:]} | {name: series[name][start:] for name in names}
+    curves = {name: np.array(series[name][start:], float) for name in names}
+    for name in curves.keys() & {"friction_coefficient", "load"}:
+        curves[name][:1] = np.nan  # the mean over an interval before the drag
+    return {axis: _abscissa(run, axis)[start:]} | curves
 
 
 def _abscissa(run: RunFile, axis: str) -> Array:

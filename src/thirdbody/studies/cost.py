@@ -78,7 +78,7 @@ def outcome_at(run: RunFile, frames: Array) -> Outcome:
         quaternion=bodies.get("quaternion", np.full((len(bodies["position"]), 4), np.nan)),
         dissipated=float(sum(spent)),
         distance=float(run.drag.distance[last]),
-        residual=run.summary().get("energy_residual"),
+        residual=run.drag.stored.get("energy_residual"),
         period=np.array(domain["size"], float) if domain["periodic"] else np.full(2, np.inf),
         gap_set="gap" in run.scene_tables.get("plates", {}).get("upper", {}),
     )
