@@ -80,8 +80,8 @@ def _row(run: RunFile, units: dict[str, str]) -> dict[str, Any]:
     names[3:3] = [f"{FRACTION}{state}" for state in run.state_names if f"{FRACTION}{state}" in run.series]
     values = results_of(run, summary, names)
     units |= {name: result(name).unit for name in names}
-    for name in bodies.keys() - CLUMPS.keys() if len(bodies["position"]) == run.scene_bodies else ():
-        if run.header["units"].get(name) == "m3":  # of measures: worn volumes
+    for name in bodies if len(bodies["position"]) == run.scene_bodies else ():
+        if name not in CLUMPS and run.header["units"].get(name) == "m3":  # of measures: worn volumes
             values[name], units[name] = float(bodies[name].sum()), "m3"
     folder = run.path.parent if run.path.name == FILE_NAME else run.path
     ended = "yes" if summary["finished"] else f"no: {summary.get('stopped') or 'killed, or still running'}"
