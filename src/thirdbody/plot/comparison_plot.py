@@ -15,7 +15,8 @@ from thirdbody.units import quantity_text, unit_for
 WIDTH, HEIGHT, LINE = 8.27, 1.9, 0.2  # of the picture, of a panel, of a line of the legend [inch]
 COLORS = [LINE_COLORS[name] for name in ("blue", "vermilion", "green", "purple", "orange", "sky", "black")]
 STYLES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1, 1.3)), (0, (6, 2, 1, 2)))
-PANELS = ("friction_coefficient", "states", "gap", "load", "labels")
+STATES, LABELS = "states", "labels"
+PANELS = ("friction_coefficient", STATES, "gap", "load", LABELS)
 UNITS = {"friction_coefficient": "", "gap": "m", "load": "N"}
 SMALL = 0.05  # gaps and loads that differ by less than this part of their mean are drawn as changes
 FRACTION = "fraction_"
@@ -29,28 +30,29 @@ def draw_comparison(report: Mapping[str, Any]) -> Figure:
     scale, unit = unit_for(np.concatenate([run[axis] for run in series]), "m" if axis == "distance" else "s")
     drawn = {name: [(run[axis] / scale, run[name], style) for run, style in zip(series, styles, strict=True) if name in run]
              for name in dict.fromkeys(name for run in series for name in run if name != axis)}  # fmt: skip
-    drawn |= {"labels": [(np.asarray(row["labels"][axis]) / scale, np.asarray(row["labels"]["difference"]), style)
+    drawn |= {LABELS: [(np.asarray(row["labels"][axis]) / scale, np.asarray(row["labels"]["difference"]), style)
                          for row, style in zip(rows, styles, strict=True) if "labels" in row]}  # fmt: skip
     drawn = {name: curves for name, curves in drawn.items() if any(np.isfinite(values).any() for _, values, _ in curves)}
-    states = {name: curves for name, curves in drawn.items() if name.startswith(FRACTION)}
-    panels = [name for name in PANELS if (states if name == "states" else name in drawn)]
+    names = dict.fromkeys(name for row in rows for name in row["results"] if name.startswith(FRACTION))
+    states = {name: drawn[name] for name in names if any(np.any(values > 0.0) for _, values, _ in drawn.get(name, ()))}
+    panels = [name for name in PANELS if (states if name == STATES else name in drawn)]
     if not panels:
         raise InputError("nothing to draw: these runs have no friction, states, gap or load")
     figure = Figure(figsize=(WIDTH, HEIGHT * len(panels) + LINE * (len(rows) + 2)), layout="constrained")
     for axes, name in zip(figure.subplots(len(panels), squeeze=False, sharex=True)[:, 0], panels, strict=True):
         axes.set_label(name)
-        if name == "states":
-            _draw_states(axes, states)
-        elif name == "labels":
-            _draw_fractions(axes, drawn[name], "Labels that differ from those of 1")
-        else:
+        if name in UNITS:
             _draw_series(axes, name, drawn[name])
+        elif name == LABELS:
+            _draw_fractions(axes, "Labels that differ from those of 1", {LABELS: drawn[LABELS]})
+        else:
+            _draw_fractions(axes, "States of the bodies", states)
         axes.grid(axis="y", alpha=0.25, linewidth=0.6)
         axes.spines[["top", "right"]].set_visible(False)
         axes.margins(x=0.0)
         axes.set_xlabel(f"{'sliding distance' if axis == 'distance' else axis} ({unit})" if name == panels[-1] else "")
-    names = [f"{k}: {row['run']}" for k, row in enumerate(rows, 1)]
-    figure.legend([Line2D([], [], **style) for style in styles], names, loc="outside upper left", frameon=False)
+    titles = [f"{k}: {row['name']}" for k, row in enumerate(rows, 1)]
+    figure.legend([Line2D([], [], **style) for style in styles], titles, loc="outside upper left", frameon=False)
     return figure
 
 
@@ -59,29 +61,28 @@ Curve = tuple[np.ndarray, np.ndarray, dict[str, Any]]
 
 def _draw_series(axes: Axes, name: str, curves: Sequence[Curve]) -> None:
     words, values = name.replace("_", " "), np.concatenate([values for _, values, _ in curves])
-    base, scale, unit = 0.0, 1.0, UNITS[name]
+    title, base, scale, unit = words.capitalize(), 0.0, 1.0, UNITS[name]
     if unit:
         known = values[np.isfinite(values)]
-        base = float(known[0]) if np.ptp(known) < SMALL * abs(np.mean(known)) else 0.0
+        if np.ptp(known) < SMALL * abs(np.mean(known)):
+            base = float(known[0])
+            title += f": change from {quantity_text(base, unit, 4)}"
         scale, unit = unit_for(values - base, unit)
     for x, part, style in curves:
         axes.plot(x, (part - base) / scale, linewidth=1.4, **style)
-    _describe(axes, words.capitalize() + (f", less {quantity_text(base, UNITS[name], 4)}" if base else ""),
-              f"{words} ({unit})" if unit else words)  # fmt: skip
+    _describe(axes, title, f"{words} ({unit})" if unit else words)
     axes.ticklabel_format(axis="y", useOffset=False)
 
 
-def _draw_states(axes: Axes, states: Mapping[str, Sequence[Curve]]) -> None:
-    names = [name.removeprefix(FRACTION) for name in states]
-    for name, color, curves in zip(names, state_colors(names), states.values(), strict=True):
-        axes.plot([], [], color=color, label=name)
-        _draw_fractions(axes, [(x, values, style | {"color": color}) for x, values, style in curves], "States of the bodies")
-    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, handlelength=1.2)
-
-
-def _draw_fractions(axes: Axes, curves: Sequence[Curve], title: str) -> None:
-    for x, values, style in curves:
-        axes.plot(x, 100.0 * values, linewidth=1.4, **style)
+def _draw_fractions(axes: Axes, title: str, groups: Mapping[str, Sequence[Curve]]) -> None:
+    """Draw fractions of the bodies; those in a state have its colour."""
+    names = [name.removeprefix(FRACTION) for name in groups]
+    for name, color, curves in zip(names, state_colors(names), groups.values(), strict=True):
+        for x, values, style in curves:
+            axes.plot(x, 100.0 * values, linewidth=1.4, **style | ({"color": color} if name != LABELS else {}))
+        if name != LABELS:
+            axes.plot([], [], color=color, label=name)
+            axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, handlelength=1.2)
     _describe(axes, title, "bodies (%)")
     axes.set_ylim(bottom=0.0)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -70,6 +71,9 @@ def compare_runs(runs: Sequence[RunFile], listed: int = LISTED) -> Comparison:
             if len(rows) > 1:
                 rows[-1] |= {"difference": _difference(rows[-1]["results"], rows[0]["results"])}
                 rows[-1] |= _against(runs[0], run, axis, listed)
+    common = os.path.commonpath([os.path.dirname(os.path.abspath(row["run"])) for row in rows])
+    for row in rows:
+        row["name"] = os.path.relpath(row["run"], common)
     return Comparison({"runs": rows, "units": units, "axis": axis, "settings": differences(*settings)})
 
 
@@ -235,18 +239,18 @@ def print_comparison(report: Mapping[str, Any]) -> None:
     """Print the result of `compare_runs`."""
     rows, unit = report["runs"], "m" if report["axis"] == "distance" else "s"
     numbers = [str(k) for k in range(1, len(rows) + 1)]
-    lines = [[name, *(str(row[name]) for row in rows)] for name in ("run", "finished", "bodies", "frames")]
+    lines = [[name, *(str(row[name]) for row in rows)] for name in ("name", "finished", "bodies", "frames")]
     for name in dict.fromkeys(name for row in rows for name in row["results"]):
         words = f"{name.removeprefix(FRACTION)} at the end" if name.startswith(FRACTION) else name.replace("_", " ")
-        if name != "friction_coefficient_error":
+        if any(row["results"].get(name, 0.0) != 0.0 for row in rows) and name != "friction_coefficient_error":
             lines.append([QUANTITIES.get(name, words), *(_cell(name, row, rows[0], report["units"][name]) for row in rows)])
         if name == "friction_coefficient":
             lines.append(["", *(row["friction_verdict"] for row in rows)])
-    table("", ["", *numbers], lines)
-    print()
+    table("", ["", *numbers], (line for line in lines if any(line[1:])))
     changes = [[key, *map(_brief, values)] for key, values in report["settings"].items()]
-    table("what differs in scenes, laws and versions" + ("" if changes else ": nothing"), ["", *numbers], changes)
-    print()
+    print("\nwhat differs in scenes, laws and versions" + ("" if changes else ": nothing"))
+    if changes:
+        table("", ["", *numbers], changes)
     others = rows[1:]
     lines = [[f"common {report['axis']}", *(quantity_text(row["common"], unit) for row in others)],
              ["common stops", *(str(row["common_stops"]) for row in others)],
@@ -254,34 +258,34 @@ def print_comparison(report: Mapping[str, Any]) -> None:
     for words, name in OVER_RANGE.items():
         values = [row["over_range"].get(name, math.nan) for row in others]
         lines.append([words, *("" if math.isnan(value) else percent(value) for value in values)])
-    table("differences from 1 over the common range", ["", *numbers[1:]], lines)
+    print("\ndifferences from 1 over the common range")
+    table("", ["", *numbers[1:]], (line for line in lines if any(line[1:])))
     for number, row in zip(numbers[1:], others, strict=True):
         _print_bodies(number, row)
 
 
 def _print_bodies(number: str, row: Mapping[str, Any]) -> None:
-    labels = row.get("labels")
-    if labels is not None and max(labels["difference"]) > 0.0:
-        counts = [np.asarray(labels[name]) for name in ("at_end", "at_all_stops")]
-        used = [k for k in range(len(labels["names"])) if counts[1][k].any() or counts[1][:, k].any()]
-        lines = [[labels["names"][k], *(f"{counts[0][k, m]} / {counts[1][k, m]}" for m in used)] for k in used]
-        print()
-        table(f"labels in 1 (rows) and in {number} (columns): at the end / at all common stops",
-              ["", *(labels["names"][k] for k in used)], lines)  # fmt: skip
-    lines = []
-    for body in row.get("bodies_listed", ()):
-        states = [labels["names"][body[name]] for name in ("state", "other_state")] if labels is not None else ["", ""]
-        work = percent(body["friction_work"]) if "friction_work" in body else ""
-        lines.append([str(body["body"]), percent(body["place"]), work, *states, str(body.get("labels", ""))])
-    if lines:
-        print()
-        table(f"bodies of 1 and {number} whose places differ most",
-              ["body", "place", "friction work", "state in 1", f"in {number}", "labels that differ"], lines)  # fmt: skip
+    labels = row.get("labels", {"difference": [0.0]})
+    if max(labels["difference"]) > 0.0:
+        names, counts = labels["names"], [np.asarray(labels[name]) for name in ("at_end", "at_all_stops")]
+        used = [k for k in range(len(names)) if counts[1][k].any() or counts[1][:, k].any()]
+        lines = [[names[k], *(f"{counts[0][k, m]} / {counts[1][k, m]}" for m in used)] for k in used]
+        print(f"\nlabels in 1 (rows) and in {number} (columns), at the end / at all common stops")
+        table("", ["", *(names[k] for k in used)], lines)
+    words = {"body": "body", "place": "place", "friction_work": "friction work", "state": "state in 1",
+             "other_state": f"in {number}", "labels": "labels that differ"}  # fmt: skip
+    listed = [{name: body[name] for name in words if name in body} for body in row.get("bodies_listed", ())]
+    if listed:
+        print(f"\nbodies of 1 and {number} whose places differ most")
+        for body in listed:
+            body |= {name: percent(body[name]) for name in ("place", "friction_work") if name in body}
+            body |= {name: labels["names"][body[name]] for name in ("state", "other_state") if name in body}
+        table("", [words[name] for name in listed[0]], [[str(value) for value in body.values()] for body in listed])
 
 
 def _brief(value: Any) -> str:
     text = str(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+    return text if len(text) <= 60 else f"{text[:28]} ... {text[-27:]}"
 
 
 def _cell(name: str, row: Mapping[str, Any], first: Mapping[str, Any], unit: str) -> str:
@@ -298,7 +302,9 @@ def _cell(name: str, row: Mapping[str, Any], first: Mapping[str, Any], unit: str
     elif name == "energy_residual":
         text = f"{value:.1e}"
     elif name.startswith("energy_"):
-        of, base = " of the work", first["results"]["energy_plate_work"]
+        of, base = " of work", first["results"]["energy_plate_work"]
     elif name in ("wall_time", "steps"):
         text = duration(value) if name == "wall_time" else f"{value:.0f}"
-    return f"{text} ({100.0 * changes[name] / abs(base):+.2g} %{of})" if name in changes and base else text
+    change = 100.0 * changes.get(name, 0.0) / abs(base) if base else 0.0
+    size = f"{change:+.2g}" if abs(change) < 99.5 else f"{change:+.0f}"
+    return f"{text} ({size} %{of})" if change else text

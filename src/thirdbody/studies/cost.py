@@ -98,7 +98,7 @@ def errors(result: Outcome, reference: Outcome, same_bodies: bool = True) -> dic
     """
     unknown = np.full((1, 3), np.nan)
     moved = displacements(result.position, reference.position, reference.period) if same_bodies else unknown
-    turned = rotation_angles(result.quaternion, reference.quaternion) if same_bodies else unknown[:, 0]
+    angles = rotation_angles(result.quaternion, reference.quaternion) if same_bodies else unknown[:, 0]
     same, changed, moved_fractions = np.ones(len(moved), bool), math.nan, math.nan
     if result.states is not None and reference.states is not None:
         frames = min(len(result.states), len(reference.states))
@@ -113,7 +113,7 @@ def errors(result: Outcome, reference: Outcome, same_bodies: bool = True) -> dic
         "friction_error": rms_error(result.friction, reference.friction),
         "load_error": rms_error(*load),
         "position_error": _median(np.linalg.norm(moved, axis=1)[same]) / reference.path,
-        "rotation_error": _median(turned[same]),
+        "rotation_error": _median(angles[same]),
         "label_difference": changed,
         "dissipation_error": abs(result.dissipated - spent) / abs(spent) if (spent := reference.dissipated) else float("nan"),
         "mean_friction_error": rms_error(result.friction, reference.friction, of_means=True),
