@@ -14,6 +14,7 @@ from thirdbody.units import quantity_text, unit_for
 
 WIDTH, HEIGHT, LINE = 8.27, 1.9, 0.2  # of the picture, of a panel, of a line of the legend [inch]
 COLORS = [LINE_COLORS[name] for name in ("blue", "vermilion", "green", "purple", "orange", "sky", "black")]
+MARKERS = "osD^"
 STYLES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1, 1.3)), (0, (6, 2, 1, 2)))
 STATES, LABELS = "states", "labels"
 PANELS = ("friction_coefficient", STATES, "gap", "load", LABELS)
@@ -75,11 +76,13 @@ def _draw_series(axes: Axes, name: str, curves: Sequence[Curve]) -> None:
 
 
 def _draw_fractions(axes: Axes, title: str, groups: Mapping[str, Sequence[Curve]]) -> None:
-    """Draw fractions of the bodies; those in a state have its colour."""
+    """Draw fractions of the bodies: those in a state in its colour, those of labels that differ at the common stops alone."""
     names = [name.removeprefix(FRACTION) for name in groups]
     for name, color, curves in zip(names, state_colors(names), groups.values(), strict=True):
         for x, values, style in curves:
-            axes.plot(x, 100.0 * values, linewidth=1.4, **style | ({"color": color} if name != LABELS else {}))
+            marks = {"linestyle": "none", "marker": MARKERS[STYLES.index(style["linestyle"])]}
+            own = {"color": color} if name != LABELS else marks
+            axes.plot(x, 100.0 * values, linewidth=1.4, markersize=3.5, clip_on=name != LABELS, **style | own)
         if name != LABELS:
             axes.plot([], [], color=color, label=name)
             axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, handlelength=1.2)

@@ -26,9 +26,10 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-STOP = 0.02  # frames of two runs are at one stop if their distances differ by less than this part of the shorter output interval
+STOP = 0.05  # frames of two runs are at one stop if their distances differ by less than this part of the output intervals there
 SAME_END = 0.01  # relative difference of the distances of two runs up to which their sums and ends are compared
 SAME_BODY, SAME_START = 1e-5, 0.01  # least differences that count: of mass and diameter, relative; of the start, in diameters
+ROUNDING = 1e-4  # smaller differences [%] are not printed
 LISTED = 5  # number of bodies that are listed
 
 QUANTITIES = {
@@ -139,10 +140,9 @@ def _against(first: RunFile, run: RunFile, axis: str, listed: int) -> dict[str, 
     """Return the differences of a run from the first over the range that both have, and of their bodies at the common stops."""
     x, y = _abscissa(first, axis), _abscissa(run, axis)
     a, b = np.flatnonzero(first.drag.during), np.flatnonzero(run.drag.during)
-    intervals = [float(np.median(np.diff(at[frames[0] - 1 :]))) for at, frames in ((x, a), (y, b)) if len(frames)]
-    near, end = STOP * min(intervals, default=0.0), max(min(x[-1], y[-1]), 0.0)
-    a, b = a[x[a] <= end + near], b[y[b] <= end + near]
-    same_a, same_b = _common_stops(x[a], y[b], near)
+    near_x, near_y, end = _near(x), _near(y), max(min(x[-1], y[-1]), 0.0)
+    a, b = a[x[a] <= end + near_x[a]], b[y[b] <= end + near_y[b]]
+    same_a, same_b = _common_stops(x[a], y[b], near_x[a], near_y[b])
     reference, outcome = outcome_at(first, a[same_a]), outcome_at(run, b[same_b])
     if not len(a) == len(b) == len(same_a):
         reference, outcome = _resampled(reference, first, x, x[a]), _resampled(outcome, run, y, x[a])
@@ -150,6 +150,8 @@ def _against(first: RunFile, run: RunFile, axis: str, listed: int) -> dict[str, 
         outcome = replace(outcome, states=None)
     why = _other_bodies(first, run) or ("" if len(same_a) else f"no frames at the same {axis}")
     changes = errors(outcome, reference, not why)
+    if not len(same_a):
+        changes["dissipation_error"] = math.nan  # until other distances
     report: dict[str, Any] = {"common": float(end), "common_stops": len(same_a), "over_range": changes}
     if why:
         return report | {"not_by_body": why}
@@ -162,12 +164,18 @@ def _against(first: RunFile, run: RunFile, axis: str, listed: int) -> dict[str, 
     return report
 
 
-def _common_stops(x: Array, y: Array, near: float) -> tuple[Array, Array]:
-    """Return the numbers (k,) of the stops of two runs that lie within `near` of each other, each used once."""
+def _near(x: Array) -> Array:
+    """Return how near to each frame (F,) another is at the same stop: a part of the longer of the intervals around it."""
+    intervals = np.concatenate([[0.0], np.diff(x), [0.0]])
+    return STOP * np.maximum(intervals[1:], intervals[:-1])
+
+
+def _common_stops(x: Array, y: Array, near_x: Array, near_y: Array) -> tuple[Array, Array]:
+    """Return the numbers (k,) of the stops of two runs that lie near each other, each used once."""
     if not len(x) or not len(y):
         return (np.zeros(0, int),) * 2
     closest = np.searchsorted(0.5 * (y[1:] + y[:-1]), x)
-    same = np.flatnonzero(np.abs(y[closest] - x) <= near)
+    same = np.flatnonzero(np.abs(y[closest] - x) <= np.minimum(near_x, near_y[closest]))
     others, once = np.unique(closest[same], return_index=True)
     return same[once], others
 
@@ -307,4 +315,4 @@ def _cell(name: str, row: Mapping[str, Any], first: Mapping[str, Any], unit: str
         text = duration(value) if name == "wall_time" else f"{value:.0f}"
     change = 100.0 * changes.get(name, 0.0) / abs(base) if base else 0.0
     size = f"{change:+.2g}" if abs(change) < 99.5 else f"{change:+.0f}"
-    return f"{text} ({size} %{of})" if change else text
+    return f"{text} ({size} %{of})" if abs(change) > ROUNDING else text

@@ -65,7 +65,7 @@ def read_outcome(folder: Path) -> Outcome | None:
 
 def outcome_at(run: RunFile, frames: Array) -> Outcome:
     """Return the outcome of a run at these of its frames (F,), that is until the last of them; without any until its end."""
-    series, domain, last = run.series, run.header["domain"], int(frames[-1]) if len(frames) else -1
+    series, domain, last = run.series, run.header.get("domain", {}), int(frames[-1]) if len(frames) else -1
     bodies = run.bodies(last)
     spent = [series[name][last] for name in ("energy_damping", "energy_friction") if name in series]
     unknown = np.full((run.frames, 3), np.nan)
@@ -79,7 +79,7 @@ def outcome_at(run: RunFile, frames: Array) -> Outcome:
         dissipated=float(sum(spent)),
         distance=float(run.drag.distance[last]),
         residual=run.drag.stored.get("energy_residual"),
-        period=np.array(domain["size"], float) if domain["periodic"] else np.full(2, np.inf),
+        period=np.array(domain["size"], float) if domain.get("periodic") else np.full(2, np.inf),
         gap_set="gap" in run.scene_tables.get("plates", {}).get("upper", {}),
     )
 
