@@ -376,7 +376,7 @@ def compare(*runs: str | os.PathLike[str] | Run, bodies: int = 5, out: str | Pat
             from thirdbody.plot.figures import checked_path
 
             out = checked_path(out)
-        opened = [run if isinstance(run, RunFile) else stack.enter_context(Run(run)) for run in runs]
+        opened = [run if isinstance(run, RunFile) else stack.enter_context(Run(Path(run))) for run in runs]
         report = compare_runs(opened, bodies)
     if out is not None:
         from thirdbody.plot.comparison_plot import draw_comparison

@@ -222,8 +222,8 @@ def _by_body(
     work = [one["friction_work"] for one in bodies if "friction_work" in one]
     if len(work) == 2 and (scale := float(np.mean(work[0]))) > 0.0:
         parts["friction_work"] = np.abs(work[1] - work[0]) / scale
-    words = {"mean": np.mean, "largest": np.max}
-    figures = {f"{name}_{word}": float(figure(part)) for name, part in parts.items() for word, figure in words.items()}
+    figures = {f"{name}_mean": float(np.mean(part)) for name, part in parts.items()}
+    figures |= {f"{name}_largest": float(np.max(part)) for name, part in parts.items()}
     if reference.states is not None and outcome.states is not None:
         parts["labels"] = np.count_nonzero(outcome.states != reference.states, axis=0)
         parts |= {"state": reference.states[-1], "other_state": outcome.states[-1]}
