@@ -197,7 +197,7 @@ def plot(
 @app.command(cls=Command)
 def compare(
     runs: Annotated[
-        list[Path], typer.Argument(metavar="RUN RUN...", help="run folders, or their run.vtkhdf; the first is the reference")
+        list[Path], typer.Argument(metavar="RUN", help="two or more run folders, or their run.vtkhdf; the first is the reference")
     ],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="picture file: .png, .pdf or .svg")] = None,
     bodies: Annotated[int, typer.Option("--bodies", metavar="N", min=0, help="list the N bodies that differ most")] = 5,
