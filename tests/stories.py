@@ -9,6 +9,7 @@ import thirdbody
 from thirdbody.bodies.packing import projected_area
 from thirdbody.kernels.tables import DEBRIS, run_totals
 from thirdbody.runner.simulate import prepare
+from thirdbody.studies.cost import displacements, rms_error
 from thirdbody.studies.timing import nudge as displace
 
 SCENE = Path(__file__).parent.parent / "scenes" / "sheared_debris.toml"
@@ -72,10 +73,9 @@ def dragged(scene: thirdbody.Scene, nudge: float = 0.0, path: float = PATH) -> S
 
 def agreement(a: Story, b: Story, path: float = PATH) -> Agreement:
     equal = a.labels == b.labels
-    apart = b.centres[-1] - a.centres[-1]
-    apart[:, :2] -= a.size * np.rint(apart[:, :2] / a.size)
+    apart = displacements(b.centres[-1], a.centres[-1], a.size)
     place, alike = np.linalg.norm(apart.mean(axis=0)) / path, np.mean(np.linalg.norm(apart, axis=1) < 0.01 * path)
-    friction = abs(b.friction.mean() / a.friction.mean() - 1.0)
+    friction = rms_error(b.friction, a.friction, of_means=True)
     return Agreement(float(np.mean(equal[-1])), float(np.mean(equal)), friction, float(place), float(alike))
 
 

@@ -13,20 +13,21 @@ from typing import TYPE_CHECKING, Any
 from thirdbody import errors
 
 if TYPE_CHECKING:
-    from thirdbody.api import Run, resume, run
+    from thirdbody.api import Run, compare, resume, run
     from thirdbody.api import open_run as open
     from thirdbody.report.scene_check import check
     from thirdbody.scene.model import Scene
     from thirdbody.sweeps import Sweep, sweep
     from thirdbody.version import __version__ as __version__
 
-__all__ = ["Run", "Scene", "Sweep", "check", "errors", "open", "resume", "run", "sweep"]
+__all__ = ["Run", "Scene", "Sweep", "check", "compare", "errors", "open", "resume", "run", "sweep"]
 
 _MODULES = {
     "Scene": ("scene.model", "Scene"),
     "Run": ("api", "Run"),
     "open": ("api", "open_run"),
     "check": ("report.scene_check", "check"),
+    "compare": ("api", "compare"),
     "resume": ("api", "resume"),
     "run": ("api", "run"),
     "Sweep": ("sweeps", "Sweep"),

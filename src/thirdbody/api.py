@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from thirdbody.errors import UsageError
 from thirdbody.system.processes import optional
 from thirdbody.trajectory.open_file import FILE_NAME
 from thirdbody.trajectory.run_file import RunFile
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
 
     from thirdbody.runner.progress import Reporter
     from thirdbody.scene.model import Scene
+    from thirdbody.studies.comparison import Comparison
 
 
 class Run(RunFile):
@@ -328,3 +331,56 @@ def resume(
     simulation, saved = prepare_resume(folder, settings or {}, plugins)
     run_with_warnings(simulation, folder, threads, progress, notes, checkpoint=saved)
     return Run(folder)
+
+
+def compare(*runs: str | os.PathLike[str] | Run, bodies: int = 5, out: str | Path | None = None) -> Comparison:
+    """Compare runs with the first one: numbers, keys of their scenes, series and, where they have the same bodies, each body.
+
+    Parameters
+    ----------
+    *runs : str, Path or Run
+        Folders of two or more runs, or their `run.vtkhdf`; the first is the reference. A run that was stopped will do.
+    bodies : int
+        Number of bodies to list, those whose places differ most.
+    out : str or Path, optional
+        Picture of the series over each other: .png, .pdf or .svg.
+
+    Returns
+    -------
+    dict
+        Printed, it is the text of `thirdbody compare`. `runs`, a list: each with its `results` in SI (`units`), their
+        `difference` from the first, `over_range`, the relative differences over the common range (`studies.cost.errors` and
+        those of bodies), `bodies_listed`, `labels`: `difference`, fraction by common stop, and the table `at_end` and
+        `at_all_stops` of state in the first run (rows) and in this one (columns); or `not_by_body`, the reason why bodies are
+        not compared. `settings`: keys that differ, with their value in each run.
+
+    Raises
+    ------
+    UsageError, InputError, OutputError
+        There are fewer than two runs; one is missing, damaged or has no frame; the picture cannot be written.
+
+    Examples
+    --------
+    >>> report = thirdbody.compare("runs/example", "runs/example")
+    >>> report["settings"], report["runs"][1]["over_range"]["friction_error"]
+    ({}, 0.0)
+    """
+    from thirdbody.studies.comparison import compare_runs
+
+    if len(runs) < 2:
+        raise UsageError(f"{len(runs)} run{'s' * (len(runs) != 1)}: give two or more, the first is the reference")
+    if bodies < 0:
+        raise UsageError(f"bodies = {bodies}: must be at least 0")
+    with ExitStack() as stack:
+        if out is not None:
+            from thirdbody.plot.figures import checked_path
+
+            out = checked_path(out)
+        opened = [run if isinstance(run, RunFile) else stack.enter_context(Run(Path(run))) for run in runs]
+        report = compare_runs(opened, bodies)
+    if out is not None:
+        from thirdbody.plot.comparison_plot import draw_comparison
+        from thirdbody.plot.figures import save
+
+        save(draw_comparison(report), Path(out))
+    return report

@@ -24,7 +24,7 @@ from thirdbody.studies.cost_command import StudyOptions
 from thirdbody.studies.sweep import Execution
 
 COMMANDS = (
-    "balance", "check", "cost", "export", "laws", "map", "new", "plot", "render", "resume", "run", "shapes", "states",
+    "balance", "check", "compare", "cost", "export", "laws", "map", "new", "plot", "render", "resume", "run", "shapes", "states",
     "sweep",
 )  # fmt: skip
 

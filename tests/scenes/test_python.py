@@ -165,7 +165,7 @@ def test_render_export_and_pyvista_which_gets_every_array_with_its_unit(run, tmp
 
 
 def test_only_public_names_are_listed():
-    names = {"Run", "Scene", "Sweep", "check", "errors", "open", "resume", "run", "sweep"}
+    names = {"Run", "Scene", "Sweep", "check", "compare", "errors", "open", "resume", "run", "sweep"}
     listed = subprocess.run([sys.executable, "-c", "import thirdbody; print(*dir(thirdbody))"], capture_output=True, text=True)
     assert set(listed.stdout.split()) == names | {"__version__", "balance"}
     assert set(thirdbody.__all__) == names and (Path(thirdbody.__file__).parent / "py.typed").is_file()

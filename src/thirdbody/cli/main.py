@@ -195,6 +195,28 @@ def plot(
 
 
 @app.command(cls=Command)
+def compare(
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN", help="two or more run folders, or their run.vtkhdf; the first is the reference")
+    ],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="picture file: .png, .pdf or .svg")] = None,
+    bodies: Annotated[int, typer.Option("--bodies", metavar="N", min=0, help="list the N bodies that differ most")] = 5,
+    json: Json = False,
+) -> None:
+    """Compare runs with the first one: friction, states, energy, settings, and the same bodies one by one."""
+    from thirdbody.api import compare as compared
+    from thirdbody.report.tables import print_json
+
+    report = compared(*runs, bodies=bodies, out=out)
+    if json:
+        print_json(report)
+    else:
+        report.show()
+    if out is not None:
+        print_line(out, err=json)
+
+
+@app.command(cls=Command)
 def export(
     run: RunPath,
     csv: Annotated[Path | None, typer.Option("--csv", metavar="DIR", help="tables with units")] = None,

@@ -2,37 +2,33 @@
 
 from __future__ import annotations
 
-import io
 import math
 import os
 from collections.abc import Iterable, Mapping
-from contextlib import redirect_stdout
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from thirdbody.granular_flow import LAYERS, inertia_verdict
 from thirdbody.kernels.tables import patch
-from thirdbody.report.tables import table
+from thirdbody.report.tables import Report, table
 from thirdbody.runner.outlook import memory_of, outlook
 from thirdbody.runner.simulate import check_call, debris_contact, prepare
 from thirdbody.scene.model import Scene
 from thirdbody.schema.write import toml_text
-from thirdbody.system.terminal import PrintableStream, print_line
+from thirdbody.system.terminal import print_line
 from thirdbody.units import duration, file_size, pretty
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
 
 
-class Check(dict[str, Any]):
+class Check(Report):
     """Result of `check`, by name, in SI; `print` shows it as `thirdbody check` does."""
 
-    def __str__(self) -> str:
-        text = io.StringIO()
-        with redirect_stdout(cast(Any, PrintableStream(text))):
-            print_check(self)
-        return text.getvalue()
+    def show(self) -> None:
+        """Print it."""
+        print_check(self)
 
     def __repr__(self) -> str:
         return f"<Check of '{self['title']}': {self['bodies']} bodies, {len(self['warnings'])} warning(s)>"

@@ -2,21 +2,37 @@
 
 from __future__ import annotations
 
+import io
 import json as json_module
 import math
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import redirect_stdout
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from thirdbody.errors import InputError, printable
-from thirdbody.system.terminal import print_line, terminal_of
+from thirdbody.system.terminal import PrintableStream, print_line, terminal_of
 from thirdbody.units import duration, percent, pretty, quantity_text
 
 if TYPE_CHECKING:
     from thirdbody.trajectory.run_file import RunFile
+
+
+class Report(dict[str, Any]):
+    """Result of a function by name, in SI; `print` shows what the command of that name prints."""
+
+    def show(self) -> None:
+        """Print it."""
+        raise NotImplementedError
+
+    def __str__(self) -> str:
+        text = io.StringIO()
+        with redirect_stdout(cast(Any, PrintableStream(text))):
+            self.show()
+        return text.getvalue()
 
 
 def table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:

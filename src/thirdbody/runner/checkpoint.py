@@ -41,6 +41,8 @@ MEANS = "means_"
 THE_VERSION, THE_INTEGRATOR = "the version", "the integrator"
 """Names of fingerprints: of the program; explicit or implicit."""
 
+_DAMAGE = (OSError, EOFError, ValueError, KeyError, TypeError, RuntimeError, MemoryError, zipfile.BadZipFile)
+
 
 @dataclass
 class Checkpoint:
@@ -199,5 +201,12 @@ def read_checkpoint(folder: Path) -> Checkpoint:
         return Checkpoint(**notes | {"impulses": impulses, "means": means, "snapshot": Snapshot(arrays, notes["snapshot"])})
     except InputError:
         raise
-    except (OSError, EOFError, ValueError, KeyError, TypeError, RuntimeError, MemoryError, zipfile.BadZipFile) as error:
+    except _DAMAGE as error:
         raise InputError(f"{path}: cannot be read ({error or 'too large'})") from error
+
+
+def read_prints(folder: Path) -> dict[str, str]:
+    """Return the fingerprints of a run (`prints_of`) by name; none without a checkpoint that can be read."""
+    with suppress(*_DAMAGE, AttributeError), np.load(folder / FILE) as archive:
+        return {str(name): str(text) for name, text in json.loads(archive[NOTES].tobytes())["prints"].items()}
+    return {}

@@ -16,6 +16,7 @@ from thirdbody.runner.run_folder import SCENE_FILE, refuse_links
 from thirdbody.runner.simulate import prepare
 from thirdbody.runner.stops import targets
 from thirdbody.scene.model import Scene
+from thirdbody.schema.parts import differences
 from thirdbody.schema.read import read_text
 from thirdbody.trajectory.open_file import FILE_NAME
 from thirdbody.trajectory.run_file import RunFile
@@ -69,11 +70,8 @@ def _scenes(
     before = Scene.parse(checkpoint.scene, str(folder / CHECKPOINT), checkpoint.folder, plugins)
     now = Scene.parse(read_text(path), str(path), checkpoint.folder, plugins) if path.is_file() else before
     now = now.with_settings(settings)
-    changes = [
-        Fault(key, f"was {old}, is {new}")
-        for key, old, new in _differences(before.document(), now.document())
-        if key not in LONGER
-    ]
+    pairs = differences(before.document(), now.document()).items()
+    changes = [Fault(key, f"was {old}, is {new}") for key, (old, new) in pairs if key not in LONGER]
     if changes:
         what = Fault("", "the scene has changed, so this run cannot go on; run it anew into another folder", str(folder))
         raise InputError([what, *changes])
@@ -84,14 +82,3 @@ def _scenes(
         if was is not None and wanted is not None and wanted < was:
             raise InputError(f"{folder}: solver.{key}: {wanted:g} is less than the {was:g} of this run (SI); it may only grow")
     return before, now
-
-
-def _differences(old: Any, new: Any, key: str = "") -> list[tuple[str, Any, Any]]:
-    """Return (key, old, new) wherever two documents differ; a missing value is reported as absent."""
-    if isinstance(old, Mapping) and isinstance(new, Mapping):
-        names = [*old, *(name for name in new if name not in old)]
-        paths = {name: f"{key}.{name}" if key else str(name) for name in names}
-        return [d for n in names for d in _differences(old.get(n, "absent"), new.get(n, "absent"), paths[n])]
-    if isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
-        return [d for k, pair in enumerate(zip(old, new, strict=True)) for d in _differences(*pair, f"{key}[{k}]")]
-    return [] if old == new else [(key, old, new)]

@@ -67,6 +67,25 @@ def key_path(location: Iterable[str | int]) -> str:
     return path
 
 
+def differences(*documents: Mapping[str, Any]) -> dict[str, list[Any]]:
+    """Return the values of every key that is not the same in all documents, by `key_path`; "absent" where one lacks it."""
+    tables = [_leaves(document) if document else {} for document in documents]
+    keys = dict.fromkeys(key for table in tables for key in table)
+    rows = {key: [table.get(key, "absent") for table in tables] for key in keys}
+    return {key: values for key, values in rows.items() if any(value != values[0] for value in values)}
+
+
+def _leaves(value: Any, location: Location = ()) -> dict[str, Any]:
+    """Return the values of nested tables, and of lists of tables, by `key_path`; another list is one value."""
+    inner: Iterable[tuple[str | int, Any]] = ()
+    if isinstance(value, Mapping):
+        inner = value.items()
+    elif isinstance(value, list) and any(isinstance(part, Mapping) for part in value):
+        inner = enumerate(value)
+    parts = {key: leaf for name, part in inner for key, leaf in _leaves(part, (*location, name)).items()}
+    return parts or {key_path(location): value}
+
+
 def key_location(path: str) -> Location:
     """Return the place of a path: debris[0].size is ("debris", 0, "size")."""
     return tuple(int(number) if number else word for number, word in re.findall(r"\[(\d+)\]|([^.\[\]]+)", path))

@@ -7,13 +7,16 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from thirdbody.errors import UsageError
 from thirdbody.studies.timing import LONE, Timing, slower, timing
 from thirdbody.studies.variants import Variant
+
+if TYPE_CHECKING:
+    from thirdbody.trajectory.run_file import RunFile
 
 GOOD, SAME = 0.01, 0.01  # friction error and fraction of changed labels that a recommended variant may have
 # Least gain of time for which another variant is recommended than one that is preferred: a second study finds the same.
@@ -46,33 +49,42 @@ class Outcome:
     period: Array
     gap_set: bool = False
 
+    @property
+    def path(self) -> float:
+        """What places are divided by [m]: the sliding distance, without one the mean gap."""
+        return self.distance if self.distance > 0.0 else float(np.mean(self.gap[np.isfinite(self.gap)]))
+
 
 def read_outcome(folder: Path) -> Outcome | None:
     """Return the outcome of a run; None when it wrote no frame. Raises InputError for a file that is not a run."""
     from thirdbody.trajectory.run_file import RunFile
 
     with RunFile(folder) as run:
-        if not run.frames:
-            return None
-        series, bodies, domain = run.series, run.bodies(-1), run.header["domain"]
-        size, drag = np.array(domain["size"], float), run.drag.during
-        spent = [series[name][-1] for name in ("energy_damping", "energy_friction") if name in series]
-        return Outcome(
-            friction=series["friction_coefficient"][drag],
-            normal=np.abs(series["upper_force"][drag, 2]),
-            gap=series["gap"][drag],
-            states=run.states[drag] if run.has_states else None,
-            position=bodies["position"],
-            quaternion=bodies["quaternion"],
-            dissipated=float(sum(spent)),
-            distance=float(series["distance"][-1]),
-            residual=run.summary().get("energy_residual"),
-            period=size if domain["periodic"] else np.full(2, np.inf),
-            gap_set="gap" in run.scene_tables.get("plates", {}).get("upper", {}),
-        )
+        return outcome_at(run, np.flatnonzero(run.drag.during)) if run.frames else None
 
 
-def errors(result: Outcome, reference: Outcome) -> dict[str, float]:
+def outcome_at(run: RunFile, frames: Array) -> Outcome:
+    """Return the outcome of a run at these of its frames (F,), that is until the last of them; without any until its end."""
+    series, domain, last = run.series, run.header.get("domain", {}), int(frames[-1]) if len(frames) else -1
+    bodies = run.bodies(last)
+    spent = [series[name][last] for name in ("energy_damping", "energy_friction") if name in series]
+    unknown = np.full((run.frames, 3), np.nan)
+    return Outcome(
+        friction=series.get("friction_coefficient", unknown[:, 0])[frames],
+        normal=np.abs(series.get("upper_force", unknown)[frames, 2]),
+        gap=series.get("gap", unknown[:, 0])[frames],
+        states=run.states[frames] if run.has_states else None,
+        position=bodies["position"],
+        quaternion=bodies.get("quaternion", np.full((len(bodies["position"]), 4), np.nan)),
+        dissipated=float(sum(spent)),
+        distance=float(run.drag.distance[last]),
+        residual=run.drag.stored.get("energy_residual"),
+        period=np.array(domain["size"], float) if domain.get("periodic") else np.full(2, np.inf),
+        gap_set="gap" in run.scene_tables.get("plates", {}).get("upper", {}),
+    )
+
+
+def errors(result: Outcome, reference: Outcome, same_bodies: bool = True) -> dict[str, float]:
     """Return the errors of a run against a reference, over the frames that both have. NaN without data.
 
     `friction_error` and `load_error` (of the load where the gap is set, else of the gap) are the root mean square over the
@@ -81,31 +93,41 @@ def errors(result: Outcome, reference: Outcome) -> dict[str, float]:
     other way carries no information on accuracy. `label_difference`: fraction of all labels, frame by frame. `dissipation_error`
     is relative. Where bodies meet, small differences grow, and only means can be compared: `mean_friction_error` over the frames,
     relative; `mean_position_error` over the bodies, divided as `position_error`; `state_fraction_error`: the least fraction of
-    all labels that would have to change to make the share of each state equal.
+    all labels that would have to change to make the share of each state equal. What compares bodies one by one is NaN where they
+    are not the same.
     """
-    path = reference.distance if reference.distance > 0.0 else float(np.nanmean(reference.gap))
-    same, changed, moved_fractions = np.ones(len(reference.position), bool), math.nan, math.nan
+    unknown = np.full((1, 3), np.nan)
+    moved = displacements(result.position, reference.position, reference.period) if same_bodies else unknown
+    angles = rotation_angles(result.quaternion, reference.quaternion) if same_bodies else unknown[:, 0]
+    same, changed, moved_fractions = np.ones(len(moved), bool), math.nan, math.nan
     if result.states is not None and reference.states is not None:
-        same, frames = result.states[-1] == reference.states[-1], min(len(result.states), len(reference.states))
+        frames = min(len(result.states), len(reference.states))
         labels = result.states[:frames], reference.states[:frames]
         if frames:
             parts = [np.bincount(some.ravel().astype(int), minlength=256) / max(some.size, 1) for some in labels]
-            changed, moved_fractions = float(np.mean(labels[0] != labels[1])), 0.5 * float(np.abs(parts[0] - parts[1]).sum())
-    moved = result.position - reference.position
-    # 0 * infinity is no number, hence the finite factor of a side without period
-    moved[:, :2] -= np.round(moved[:, :2] / reference.period) * np.where(np.isinf(reference.period), 0.0, reference.period)
+            moved_fractions = 0.5 * float(np.abs(parts[0] - parts[1]).sum())
+        if frames and same_bodies:
+            same, changed = result.states[-1] == reference.states[-1], float(np.mean(labels[0] != labels[1]))
     load = (result.normal, reference.normal) if reference.gap_set else (result.gap, reference.gap)
     return {
         "friction_error": rms_error(result.friction, reference.friction),
         "load_error": rms_error(*load),
-        "position_error": _median(np.linalg.norm(moved, axis=1)[same]) / path,
-        "rotation_error": _median(rotation_angles(result.quaternion, reference.quaternion)[same]),
+        "position_error": _median(np.linalg.norm(moved, axis=1)[same]) / reference.path,
+        "rotation_error": _median(angles[same]),
         "label_difference": changed,
         "dissipation_error": abs(result.dissipated - spent) / abs(spent) if (spent := reference.dissipated) else float("nan"),
         "mean_friction_error": rms_error(result.friction, reference.friction, of_means=True),
-        "mean_position_error": float(np.linalg.norm(moved.mean(axis=0))) / path,
+        "mean_position_error": float(np.linalg.norm(moved.mean(axis=0))) / reference.path,
         "state_fraction_error": moved_fractions,
     }
+
+
+def displacements(result: Array, reference: Array, period: Array) -> Array:
+    """Return by how much the positions (B, 3) [m] of one run differ from those of another, across the sides of the domain."""
+    moved = result - reference
+    # 0 * infinity is no number, hence the finite factor of a side without period
+    moved[:, :2] -= np.round(moved[:, :2] / period) * np.where(np.isinf(period), 0.0, period)
+    return moved
 
 
 def rms_error(result: Array, reference: Array, of_means: bool = False) -> float:
