@@ -16,7 +16,7 @@ from thirdbody.palette import STATE_COLORS, rgb
 from thirdbody.render import web_viewer
 from thirdbody.render.picture_data import read_picture_data
 from thirdbody.render.render import render
-from thirdbody.render.web_viewer import FINEST, MOST, page_frames, write_page
+from thirdbody.render.web_viewer import FINEST, MANY, page_frames, write_page
 from thirdbody.surfaces.surface import Surface
 
 FRAMES = 7
@@ -109,12 +109,12 @@ def test_marks_of_a_scale_stand_at_their_values(layer, tmp_path):
 def test_many_frames_are_thinned_out_evenly_and_some_can_be_named(layer, tmp_path, monkeypatch):
     with open_run(layer) as run:
         data = read_picture_data(run, 0, "state")
-    assert page_frames(range(1000), data)[:2] == [0, 5] and len(page_frames(range(1000), data)) == MOST
+    assert page_frames(range(1000), data)[:2] == [0, 5] and len(page_frames(range(1000), data)) == MANY
     for words, expected in (({"frames": "1:6:2"}, [1, 3, 5]), ({"frames": "::-3"}, [0, 3, 6]), ({"frame": -2}, [5])):
         text = render(layer, tmp_path / "a.html", **words).read_text(encoding="utf-8")
         assert data_of(text)["numbers"] == expected
     monkeypatch.setattr(web_viewer, "BYTES", 1)
-    monkeypatch.setattr(web_viewer, "FEWEST", 3)
+    monkeypatch.setattr(web_viewer, "FEW", 3)
     text = render(layer, tmp_path / "a.html").read_text(encoding="utf-8")
     assert data_of(text)["numbers"] == [0, 3, 6] and data_of(text)["frames"] == FRAMES
     assert data_of(text)["history"]["at"] == [0, 3, 6]  # the curves keep all frames

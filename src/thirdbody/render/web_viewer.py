@@ -32,7 +32,7 @@ from thirdbody.units import with_unit
 
 FINEST = 320  # largest number of points along the longer side of a rough plate: 270 kB of a page for a square plate
 # Of all frames in a page: bytes before base64, which makes four of three; least and greatest number.
-BYTES, FEWEST, MOST = 1_800_000, 5, 200
+BYTES, FEW, MANY = 1_800_000, 5, 200
 CURVE = 2000  # largest number of frames of a run of which all are points of the curves
 
 Pictures = Sequence[PictureData]
@@ -66,7 +66,7 @@ def page_frames(numbers: Sequence[int], data: PictureData) -> list[int]:
     """Return the frames of a page, evenly spaced ones of `numbers`; `data` is that of one frame."""
     pose = 6 * len(data.radii) if data.quaternions is None else 12 * len(data.bodies)
     size = pose + 3 * len(data.bodies) + (6 * len(data.touching.points) if data.touching else 0)
-    count = min(len(numbers), MOST, max(FEWEST, BYTES // size))
+    count = min(len(numbers), MANY, max(FEW, BYTES // size))
     return [numbers[k] for k in np.linspace(0, len(numbers) - 1, count).round().astype(int)]
 
 
@@ -98,23 +98,24 @@ def _page(run: RunFile, numbers: Sequence[int], color: str, options: dict[str, o
 def _axes(pictures: Pictures) -> tuple[Axes, np.ndarray]:
     # and the size (3,) [m] of what all frames show
     low, high = np.min([data.low for data in pictures], axis=0), np.max([data.high for data in pictures], axis=0)
-    return Axes(0.5 * (low + high), 100.0 / float(max((high - low)[:2].max(), 1e-300))), high - low
+    width = max((high - low)[:2].max(), pictures[0].radii.max())  # of plates without extent that of a body
+    return Axes(0.5 * (low + high), 100.0 / float(width)), high - low
 
 
 def _scene(pictures: Pictures) -> dict[str, object]:
     """Return shapes, poses and colours of all frames, and the space between the plates."""
     first, (axes, extent) = pictures[0], _axes(pictures)
     margin = 1.1 * float(first.radii.max(initial=0.0)) * axes.scale
-    arm, part, places = np.zeros_like(first.centers), np.arange(len(first.radii)), [data.centers for data in pictures]
+    arm, part, positions = np.zeros_like(first.centers), np.arange(len(first.radii)), [data.centers for data in pictures]
     rotations = [data.quaternions for data in pictures if data.quaternions is not None]
     if rotations:  # spheres are rigid with their bodies, without orientations on their own
-        part, places = first.body, [data.bodies for data in pictures]
+        part, positions = first.body, [data.bodies for data in pictures]
         arm = to_body(rotations[0][part], first.centers - first.bodies[part])
     centred = np.abs(arm).max(initial=0.0) < 1e-6 * first.radii.max(initial=0.0)  # rotations of such bodies are not visible
     return {
         "shapes": _packed(np.column_stack((arm, first.radii)) * axes.scale, "<f4"),  # centre in its body's axes, radius
         "parts": _packed(part, "<i4"),
-        "places": _steps(axes.of(np.stack(places))),
+        "places": _steps(axes.of(np.stack(positions))),
         "rotations": "" if centred else _packed(np.rint(_rotation_vectors(np.stack(rotations)) * (32767.0 / np.pi)), "<i2"),
         "bodies": _packed(first.body, "<i4"),
         **_tones(pictures),
@@ -138,7 +139,7 @@ def _rotation_vectors(quaternions: np.ndarray) -> np.ndarray:
 def _tones(pictures: Pictures) -> dict[str, object]:
     """Return the colours, and their numbers for each body (each sphere where they differ within one) in each frame (or once)."""
     colors, owner = np.stack([data.colors for data in pictures]).astype(np.int64), pictures[0].body
-    palette, index = np.unique(colors @ [65536, 256, 1], return_inverse=True)
+    palette, index = np.unique(colors @ np.array([65536, 256, 1]), return_inverse=True)
     index = index.reshape(colors.shape[:2])
     _, sphere = np.unique(owner, return_index=True)
     if len(sphere) == len(pictures[0].bodies) and np.array_equal(index[:, sphere][:, owner], index):
