@@ -36,7 +36,7 @@ def unpacked(steps):
 
 def spheres_of(data, frame):
     """Centres and colours of the spheres, as the page places and paints them."""
-    shapes, part = packed(data["shapes"], "<f4").reshape(-1, 4), packed(data["parts"], "<i4")
+    shapes, part = packed(data["shapes"], "<f4").reshape(-1, 4), packed(data["parts"] or data["bodies"], "<i4")
     frames = len(data["numbers"])
     arms, places = shapes[:, :3], unpacked(data["places"]).reshape(frames, -1, 3)[frame]
     if data["rotations"]:
@@ -226,6 +226,10 @@ def test_a_browser_plays_a_run_and_names_the_particle_that_is_clicked(layer, tmp
         stage = slice(*(int(browser.value(f"{box('#stage')}.{side}")) for side in ("top", "bottom")))
         change = np.abs(np.array(browser.picture(), int) - before)[stage].max(axis=2)
         assert np.mean(change > 40) > 0.01  # bodies moved and rolled
+        centers, radii, colors = spheres_of(data_of((tmp_path / "a.html").read_text(encoding="utf-8")), frame)
+        drawn, painted = browser.value("[[...spheres], [...colors]]")
+        assert np.array(drawn).reshape(-1, 4) == pytest.approx(np.column_stack((centers, radii)), abs=1e-4)  # float32 to 50
+        assert painted == colors.ravel().tolist()
         # a particle, by the mouse or by a finger
         browser.click_on("[data-view=top]")
         body = int(np.argmax(np.ptp(states, axis=0) > 0))  # one that changes its state

@@ -1,7 +1,7 @@
 """Page that shows a run in a browser, to be turned and played: one HTML file that needs no network.
 
 Spheres are ray-cast impostors by the WebGL program in `web_viewer.html`. The usual export (pyvista with trame) makes glyph
-meshes: 12 MB for 12 000 spheres of one frame instead of a third of a megabyte, without a legend, and needs some forty packages
+meshes: 12 MB for 12 000 spheres of one frame instead of half a megabyte, without a legend, and needs some forty packages
 and the system libraries for drawing. Bodies are rigid: each frame holds six numbers of two bytes for each of them, position and
 rotation vector. Rough plates are grids of heights of two bytes each, from which the page makes meshes.
 """
@@ -114,7 +114,7 @@ def _scene(pictures: Pictures) -> dict[str, object]:
     centred = np.abs(arm).max(initial=0.0) < 1e-6 * first.radii.max(initial=0.0)  # rotations of such bodies are not visible
     return {
         "shapes": _packed(np.column_stack((arm, first.radii)) * axes.scale, "<f4"),  # centre in its body's axes, radius
-        "parts": _packed(part, "<i4"),
+        "parts": "" if rotations else _packed(part, "<i4"),  # none: those are the bodies
         "places": _steps(axes.of(np.stack(positions))),
         "rotations": "" if centred else _packed(np.rint(_rotation_vectors(np.stack(rotations)) * (32767.0 / np.pi)), "<i2"),
         "bodies": _packed(first.body, "<i4"),
