@@ -5,10 +5,13 @@ import pytest
 from thirdbody.errors import MissingLibrary
 from thirdbody.palette import STATE_COLORS, rgb
 from thirdbody.render import elsewhere
+from thirdbody.rotations import to_world
+from thirdbody.surfaces.grid import phases, sine_heights
+from thirdbody.surfaces.surface import Surface
 from thirdbody.trajectory.names import Frame
 from thirdbody.trajectory.writer import TrajectoryWriter
 
-R = 11e-6
+R, AMPLITUDE = 11e-6, 2e-6
 
 
 def clump_layer(count: int, per_clump: int = 6):
@@ -29,10 +32,11 @@ def clump_layer(count: int, per_clump: int = 6):
     return centers, radii.ravel(), np.repeat(np.arange(count), per_clump), bodies, states, np.array([nx, ny]) * pitch
 
 
-def write_layer(path, count: int, frames: int = 2, distance: float = 1.0, deep: float = 1.0, surfaces=None):
+def write_layer(path, count: int, frames: int = 2, distance: float = 1.0, deep: float = 1.0, surfaces=None, spin: float = 0.0):
     """A run of `count` clumps between plates; from frame to frame all slide along x (`path` 1 or -1) and leave the domain. Each
     carries 0.1 mN from the upper plate (a fifth of it as friction, a quarter of what friction can do) to the lower one (three
-    quarters). The gap is `deep` times the height of the layer. `surfaces`: those of rough plates."""
+    quarters). The gap is `deep` times the height of the layer. `surfaces`: those of rough plates. With `spin` [rad] bodies turn
+    by so much from frame to frame, about axes of their own; then three more of them roll, and friction is 0.02 less."""
     centers, radii, owner, bodies, states, size = clump_layer(count)
     rng = np.random.default_rng(5)
     gap = deep * float((centers[:, 2] + radii).max())
@@ -47,6 +51,8 @@ def write_layer(path, count: int, frames: int = 2, distance: float = 1.0, deep: 
     tops = bodies[touching] + np.tile([[0.0, 0.0, -R], [0.0, 0.0, R]], (count, 1))
     normal = np.tile([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]], (count, 1))
     load = np.full(2 * count, 1e-4)
+    axes = np.random.default_rng(7).normal(size=(count, 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     rub = np.tile([[-7.5e-6, 0.0, 0.0], [2.5e-6, 0.0, 0.0]], (count, 1)) * distance
     with TrajectoryWriter(path, header, static, surfaces=surfaces or {}) as writer:
         for number in range(frames):
@@ -62,11 +68,24 @@ def write_layer(path, count: int, frames: int = 2, distance: float = 1.0, deep: 
                 "utilisation": np.tile([0.75, 0.25], count), "normal": normal, "normal_force": load,
                 "force": load[:, None] * normal + rub, "contact_radius": np.full(2 * count, 1e-7),
             }  # fmt: skip
-            plates = {"points": np.concatenate([corners, upper])}
-            series = {"distance": 20e-6 * number, "friction_coefficient": 0.31}
             spheres = {"points": centers + shift}
+            if spin:
+                half = 0.5 * spin * number
+                clumps["quaternion"] = np.column_stack((np.full(count, np.cos(half)), np.sin(half) * axes))
+                clumps["state"] = np.where(np.arange(count) < 3 * number, 3, states).astype(np.uint8)
+                arms = to_world(clumps["quaternion"][owner], centers - bodies[owner])
+                spheres = {"points": (bodies + shift)[owner] + arms}
+            plates = {"points": np.concatenate([corners, upper])}
+            series = {"distance": 20e-6 * number, "friction_coefficient": 0.31 - (0.02 * number if spin else 0.0)}
             writer.append(Frame(10e-6 * number, spheres, clumps, contacts, plates, series))
     return path
+
+
+def wavy_surfaces(count: int) -> dict[str, Surface]:
+    """Surfaces of both plates around such a layer, waves with the height AMPLITUDE over their means."""
+    size = tuple(float(length) for length in clump_layer(count)[-1])
+    lower = Surface(sine_heights(phases((64, 96), (3, 1), 0.3), AMPLITUDE), size, size[0] / 4, curvature=False, copies=(3, 1))
+    return {"lower": lower, "upper": Surface(sine_heights(phases((32, 48), (2, 0), 0.0), AMPLITUDE), size, size[0] / 2)}
 
 
 def skip_unless_drawable():

@@ -20,6 +20,7 @@ from portable import PATIENCE
 SCENES = ROOT / "scenes"
 NOTEBOOKS = sorted((SCENES / "tutorials").glob("*.ipynb"))
 PNG = re.compile(r"(data:image/png;base64,)([A-Za-z0-9+/=]+)")
+FRAME = re.compile(r"<iframe.*?</iframe>", re.DOTALL)
 WIDTH = 900
 
 
@@ -42,7 +43,7 @@ def executed(path: Path, folder: Path, then: str = "") -> Any:
 
 
 def with_small_pictures(notebook: Any) -> Any:
-    """The notebook with its pictures at most WIDTH wide and of 256 colours, and without times of execution."""
+    """The notebook with pictures at most WIDTH wide and of 256 colours, without pages of runs and times of execution."""
     for cell in notebook.cells:
         cell.metadata = {}
         for output in cell.get("outputs", []):
@@ -50,7 +51,7 @@ def with_small_pictures(notebook: Any) -> Any:
             if "image/png" in data:
                 data["image/png"] = _small(data["image/png"])
             if "text/html" in data:
-                data["text/html"] = PNG.sub(lambda found: found[1] + _small(found[2]), data["text/html"])
+                data["text/html"] = FRAME.sub("", data["text/html"])
     return notebook
 
 

@@ -190,7 +190,7 @@ class Run(RunFile):
         return multiblock(self, frame)
 
     def _repr_html_(self) -> str:
-        """Return a table and a picture as HTML, for notebooks."""
+        """Return a table and the page for a browser as HTML, for notebooks."""
         from thirdbody.render.notebook import run_html
 
         return run_html(self)

@@ -1,5 +1,6 @@
 """The page of a run: its panels show what the run recorded; what cannot be drawn is told in one line."""
 
+import html
 import os
 import re
 from functools import partial
@@ -368,15 +369,10 @@ def test_what_cannot_be_drawn_is_reported_in_one_line(command, run, folder, tmp_
     assert sorted(os.listdir(tmp_path)) == ["run", "x.png"]
 
 
-def test_a_notebook_shows_a_table_and_a_picture_or_one_sentence(run, tmp_path, monkeypatch):
-    def draw(path, target, size):
-        assert path == run.path
-        target.write_bytes(b"picture")
-        return target
-
-    monkeypatch.setattr(render_module, "render", draw)
+def test_a_notebook_shows_a_table_and_the_page_or_one_sentence(run, tmp_path, monkeypatch):
     text = run._repr_html_()
-    assert 'src="data:image/png;base64,cGljdHVyZQ=="' in text and "<b>eight bodies</b>" in text
+    content = html.unescape(re.search(r'srcdoc="([^"]*)"', text)[1])
+    assert content.startswith("<!DOCTYPE html>") and content.count("</script>") == 1 and "<b>eight bodies</b>" in text
     assert STATE_COLORS["rolling"] in text and "2.0e-05 of the work" in text
 
     def refuse(*_, **__):
@@ -384,6 +380,6 @@ def test_a_notebook_shows_a_table_and_a_picture_or_one_sentence(run, tmp_path, m
 
     monkeypatch.setattr(render_module, "render", refuse)
     text = run._repr_html_()
-    assert "No picture: no library to draw &lt;here&gt;" in text and "<img" not in text and "<table>" in text
+    assert "No page: no library to draw &lt;here&gt;" in text and "<iframe" not in text and "<table>" in text
     with open_run(write(tmp_path / "marked", u=straight(3), title="<script>")) as marked:
         assert "<script>" not in marked._repr_html_()

@@ -84,9 +84,10 @@ def test_times_static_arrays_the_script_for_paraview_and_a_scene_without_plates(
     with open_run(path) as run:
         assert run.to_pyvista(0)["plates"].n_cells == 1
         read = read_picture_data(run, 0, "state")
-    assert read.has_plates and not read.has_upper
-    text = write_page(replace(read, title="@DATA@"), tmp_path / "p.html").read_text(encoding="utf-8")
-    assert "<title>@DATA@" in text and '"upper": false' in text
+        assert read.has_plates and not read.has_upper
+        run.header["title"] = "@DATA@"
+        text = write_page(run, range(run.frames), tmp_path / "p.html").read_text(encoding="utf-8")
+    assert "<title>@DATA@" in text and '"positions": {}' in text
 
 
 def test_vtk_reads_the_file_as_a_kill_between_any_two_flushes_leaves_it(tmp_path, monkeypatch):

@@ -1,39 +1,21 @@
-"""Surfaces of rough plates in the file of a run, in pyvista, and in pictures; pages that a browser shows from the disk."""
-
-import base64
-import html
-import json
-import re
-import shutil
-import subprocess
-from dataclasses import replace
+"""Surfaces of rough plates in the file of a run, in pyvista, and in pictures."""
 
 import h5py
 import numpy as np
 import pytest
-from layer import clump_layer, hue_share, write_layer
-from PIL import Image
-from portable import PATIENCE
+from layer import AMPLITUDE, wavy_surfaces, write_layer
 from thirdbody.api import open_run
 from thirdbody.errors import InputError
-from thirdbody.palette import STATE_COLORS
-from thirdbody.render.coloring import Legend
 from thirdbody.render.picture_data import read_picture_data
-from thirdbody.render.render import render
 from thirdbody.render.surfaces import SHADE, skirt, window_mesh
-from thirdbody.render.web_viewer import FINEST, write_page
-from thirdbody.surfaces.grid import phases, sine_heights
-from thirdbody.surfaces.surface import Surface
 from thirdbody.trajectory.writer import TrajectoryWriter
 
-COUNT, AMPLITUDE = 12, 2e-6
+COUNT = 12
 
 
 @pytest.fixture(scope="module")
 def surfaces():
-    size = tuple(float(length) for length in clump_layer(COUNT)[-1])
-    lower = Surface(sine_heights(phases((64, 96), (3, 1), 0.3), AMPLITUDE), size, size[0] / 4, curvature=False, copies=(3, 1))
-    return {"lower": lower, "upper": Surface(sine_heights(phases((32, 48), (2, 0), 0.0), AMPLITUDE), size, size[0] / 2)}
+    return wavy_surfaces(COUNT)
 
 
 @pytest.fixture(scope="module")
@@ -120,105 +102,3 @@ def test_pyvista_gets_the_surfaces_where_the_plates_are(rough, surfaces):
     assert colors[level & covered].mean() == pytest.approx((1.0 - SHADE) * colors[level & free].mean(), rel=0.02)
     walls = skirt(mesh, -1e-5)
     assert walls.bounds[4] == pytest.approx(-1e-5) and walls.n_cells == 2 * (mesh.dimensions[0] + mesh.dimensions[1]) - 4
-
-
-def data_of(text):
-    return json.loads(re.search(r"^const data = (.*);$", text, re.MULTILINE).group(1))
-
-
-def packed(text, kind):
-    return np.frombuffer(base64.b64decode(text), kind)
-
-
-def test_a_page_holds_heights_of_both_plates_and_the_contacts(rough, tmp_path):
-    data = data_of(render(rough, tmp_path / "a.html", frame=0).read_text(encoding="utf-8"))
-    with open_run(rough) as run:
-        picture = read_picture_data(run, 0, "state")
-    middle, extent = 0.5 * (picture.low + picture.high), picture.high - picture.low
-    scale, half = 100.0 / extent[:2].max(), np.array(data["half"])
-    upper_plane = picture.plate_height_over(picture.low, picture.high)
-    for side, plane, sign in (("lower", picture.low[2], 1.0), ("upper", upper_plane, -1.0)):
-        grid, surface = data["surfaces"][side], picture.surfaces[side]
-        x, y = (at + np.linspace(-h, h, n) / scale for at, h, n in zip(middle, half, grid["n"], strict=False))
-        z = plane - middle[2] + sign * surface.heights(*np.meshgrid(x, y))
-        found = grid["low"] + packed(grid["z"], "<u2").reshape(z.shape) * (grid["high"] - grid["low"]) / 65535.0
-        assert np.abs(found - scale * z).max() <= 0.51 * (grid["high"] - grid["low"]) / 65535.0  # half a step, and rounding
-        # a window a little larger than the period, at the spacing of the surface's own grid
-        assert np.all(np.array(grid["n"]) >= surface.coefficients.shape[::-1]) and max(grid["n"]) <= FINEST
-    spots = packed(data["contacts"], "<f4").reshape(-1, 6)
-    np.testing.assert_allclose(spots[:, :3], (picture.touching.points - middle) * scale, atol=1e-4)  # float32 of numbers to 50
-    np.testing.assert_allclose(spots[:, 4], picture.surfaces["lower"].slopes(*picture.touching.points.T[:2])[0], rtol=1e-5)
-
-
-def test_a_page_thins_out_a_fine_surface(surfaces, tmp_path):
-    lower = surfaces["lower"]
-    fine = Surface(np.tile(lower.heights, (16, 16)), lower.size, lower.shortest)
-    sizes = [
-        render(write_layer(tmp_path / f"{name}.vtkhdf", COUNT, surfaces=given), tmp_path / f"{name}.html", frame=0).stat().st_size
-        for name, given in (("flat", {}), ("fine", {"lower": fine}))
-    ]
-    assert 0 < sizes[1] - sizes[0] < 4 / 3 * 2 * FINEST**2 + 10_000  # base64 of two bytes a point, and the contacts
-
-
-BROWSER = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
-
-
-@pytest.fixture(scope="module")
-def layer(tmp_path_factory):
-    return write_layer(tmp_path_factory.mktemp("layer") / "run.vtkhdf", 200)
-
-
-def test_a_page_holds_every_sphere_its_colour_and_the_legend(layer, tmp_path):
-    text = render(layer, tmp_path / "a.html", frame=0).read_text(encoding="utf-8")
-    data = data_of(text)
-    with open_run(layer) as run:
-        picture = read_picture_data(run, 0, "state")
-    spheres = packed(data["spheres"], "<f4").reshape(-1, 4)
-    scale = 100.0 / np.max((picture.high - picture.low)[:2])
-    expected = np.column_stack(((picture.centers - 0.5 * (picture.low + picture.high)) * scale, picture.radii * scale))
-    np.testing.assert_allclose(spheres, expected, atol=1e-5)  # float32 of numbers to 50
-    assert np.array_equal(packed(data["colors"], "u1").reshape(-1, 3), picture.colors)
-    for words, tone in picture.legend.entries:
-        assert f'<i style="background:{tone}"></i>{html.escape(words)}' in text
-    # marks of a scale stand at their values
-    scale = replace(picture, legend=Legend("speed", limits=(2e-3, 6e-3), unit="m/s"))
-    text = write_page(scale, tmp_path / "b.html").read_text(encoding="utf-8")
-    marks = np.array(re.findall(r'left:([\d.]+)%">([\d.]+)<', text), float)
-    assert len(marks) > 2 and marks[:, 0] == pytest.approx((marks[:, 1] - 2.0) / 4.0 * 100.0) and "speed, mm/s" in text
-    # Nothing is fetched: the page opens from a disk without network.
-    assert not re.search(r"https?://|src=|@import|<link", text)
-    assert "@" not in re.sub(r"@media", "", text.split("<script>")[0])  # no mark of the template is left
-
-
-def test_a_title_cannot_end_the_script_or_bring_its_own(layer, tmp_path):
-    with open_run(layer) as run:
-        picture = read_picture_data(run, 0, "friction_work")
-    bad = "</script><script>alert(1)</script>"
-    text = write_page(replace(picture, title=bad, labels=(bad,)), tmp_path / "a.html").read_text(encoding="utf-8")
-    assert text.count("<script>") == text.count("</script>") == 1
-    assert data_of(text)["labels"] == [bad]
-    assert "friction work, pJ" in text and 'class="bar"' in text
-
-
-def browse(page, *options):
-    start = [BROWSER, "--headless", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-    limits = ["--window-size=800,500", "--virtual-time-budget=8000", "--disable-dev-shm-usage"]
-    return subprocess.run([*start, *limits, *options, page.as_uri()], capture_output=True, text=True, timeout=PATIENCE).stdout
-
-
-@pytest.mark.full(kind="browser")
-@pytest.mark.skipif(BROWSER is None, reason="needs Chromium")
-@pytest.mark.parametrize("view", ["iso", "side", "front", "top"])
-def test_a_browser_shows_bodies_and_legend(layer, tmp_path, view):
-    page = render(layer, tmp_path / "a.html", view=view)
-    browse(page, f"--screenshot={tmp_path / 'a.png'}")
-    with Image.open(tmp_path / "a.png") as image:
-        pixels = np.array(image.convert("RGB"), int)
-    stage, foot = pixels[80:420], pixels[420:]
-    for state in ("sticking", "sliding", "rolling"):
-        assert hue_share(stage, STATE_COLORS[state]) > 0.001, state  # bodies; along the drag one hides the other
-        assert hue_share(foot, STATE_COLORS[state]) > 0.001, state  # a disc of 15 pixels is 0.3 % of the foot
-    white = np.all(pixels > 250, axis=2)
-    assert white[80:420, :2].all() and white[80:420, -2:].all()  # the whole fits
-    drawn = browse(page, "--dump-dom")
-    assert 'data-drawn="1200"' in drawn and "rolling" in drawn

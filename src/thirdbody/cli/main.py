@@ -152,7 +152,7 @@ def states(
 def render(
     run: RunPath,
     out: Annotated[Path, typer.Option("--out", "-o", help=".png, .html, or a film: .gif, .mp4")] = Path("picture.png"),
-    frame: Annotated[int | None, typer.Option("--frame", help="frame number, negative from the end [the last]")] = None,
+    frame: Annotated[int | None, typer.Option("--frame", help="frame number, negative from the end [last; page: all]")] = None,
     *,
     image: Image,
 ) -> None:

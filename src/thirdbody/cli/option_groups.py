@@ -108,8 +108,8 @@ class Image(NamedTuple):
     zoom: Annotated[float | None, typer.Option("--zoom", help="fraction of the domain that is shown, 0.0001 to 1")] = None
     width: Annotated[int, typer.Option("--width", min=200, max=8192)] = 1600
     height: Annotated[int, typer.Option("--height", min=200, max=8192)] = 900
-    frames: Annotated[str | None, typer.Option("--frames", metavar="A:B:C", help="film: from A, before B, each C-th")] = None
-    fps: Annotated[int, typer.Option("--fps", help="film: frames a second")] = 12
+    frames: Annotated[str | None, typer.Option("--frames", metavar="A:B:C", help="film, page: from A, before B, by C")] = None
+    fps: Annotated[int, typer.Option("--fps", help="film, page: frames a second")] = 12
     camera: Annotated[str | None, typer.Option("--camera", help="film of a body: fixed or follow [follow]")] = None
 
 

@@ -1,6 +1,5 @@
-"""Run in a notebook: a table of its key figures, and a picture of its last frame."""
+"""Run in a notebook: a table of its key figures, and the page for a browser."""
 
-import base64
 import tempfile
 from html import escape
 from pathlib import Path
@@ -11,24 +10,23 @@ from thirdbody.render import render
 from thirdbody.trajectory.run_file import RunFile
 from thirdbody.units import percent, quantity_text
 
-SIZE = (960, 540)  # size of the picture [pixels]
+HEIGHT = 620  # of the page [pixels]
 
 
 def run_html(run: RunFile) -> str:
-    """Return table and picture as self-contained HTML; where drawing fails one sentence gives the reason."""
+    """Return table and page as self-contained HTML; where the page fails one sentence gives the reason."""
     left = 'style="text-align:left"'
     rows = "".join(f"<tr><th {left}>{escape(name)}</th><td {left}>{text}</td></tr>" for name, text in _rows(run))
     title = escape(str(run.header.get("title") or run.path.parent.name))
-    picture = ""
+    page = ""
     if run.frames:
         with tempfile.TemporaryDirectory() as folder:
             try:
-                content = render.render(run.path, Path(folder) / "run.png", size=SIZE).read_bytes()
-                code = base64.b64encode(content).decode("ascii")
-                picture = f'<img alt="last frame" width="{SIZE[0] // 3 * 2}" src="data:image/png;base64,{code}"/>'
+                content = escape(render.render(run.path, Path(folder) / "run.html").read_text(encoding="utf-8"))
+                page = f'<iframe width="100%" height="{HEIGHT}" style="border:0" srcdoc="{content}"></iframe>'
             except ThirdbodyError as problem:
-                picture = f"<p>No picture: {escape(str(problem))}</p>"
-    return f"<div><b>{title}</b><table>{rows}</table>{picture}</div>"
+                page = f"<p>No page: {escape(str(problem))}</p>"
+    return f"<div><b>{title}</b><table>{rows}</table>{page}</div>"
 
 
 def _rows(run: RunFile) -> list[tuple[str, str]]:

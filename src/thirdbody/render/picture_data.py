@@ -48,7 +48,7 @@ class PictureData:
     `body` (S,) is the row of each sphere's body in `bodies` (B, 3), the wrapped centres; `codes` (B,) are the states, `ids` (B,)
     and `labels` (B, or none) name the bodies. `low`, `high` (3,) bound the space between the plates, `plate` [m] is the height of
     the upper one, `drag` (2,) its direction or zero. `surfaces`: those of rough plates; `touching`: contacts with
-    the lower one.
+    the lower one. `quaternions` (B, 4), where the run has them.
     """
 
     centers: np.ndarray
@@ -71,6 +71,7 @@ class PictureData:
     tubes: Tubes | None = None
     surfaces: Mapping[str, PlateSurface] = field(default_factory=dict)
     touching: Touching | None = None
+    quaternions: np.ndarray | None = None
 
     def bodies_inside(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Return the bodies (B,), bool, with centres in the window from `low` to `high` (x, y)."""
@@ -135,6 +136,7 @@ def read_picture_data(run: RunFile, frame: int, color: str, forces: bool = False
         tubes=force_tubes(run.contacts(frame), bodies, shift, period, tube_colors) if forces else None,
         surfaces=surfaces,
         touching=touching,
+        quaternions=bodies.get("quaternion"),
     )
 
 

@@ -33,7 +33,8 @@ class PictureOptions:
     these the largest of a body), vectors by length; `size` is (width, height) in pixels. `zoom` (0.0001 to 1) is the fraction of
     the domain's width and depth that is shown; `view` is iso, side, front or top; `forces` draws contact forces as tubes; `body`
     shows one body close up, by its id. Of a film: `frames` is a:b:c [all], `fps` the number of frames per second, `camera` of a
-    close-up is `fixed` or moves with the body (`follow`) [follow]. `plate` (lower or upper) draws the map of a measure on that
+    close-up is `fixed` or moves with the body (`follow`) [follow]. A page has these frames too and plays at that rate; `frame` is
+    then the only one. `plate` (lower or upper) draws the map of a measure on that
     plate, `color` is its name; with `cycles` that of so many cycles, by the rate of the run's.
     """
 
@@ -52,21 +53,23 @@ class PictureOptions:
 
 
 def render(run_path: str | Path, output: str | Path, *, progress: bool | FilmReporter = False, **options: Any) -> Path:
-    """Draw one frame of a run (the last) into a .png or .html file, or many into a .gif or .mp4; return its path.
+    """Draw one frame of a run (the last) into a .png file, or many into a .gif, .mp4 or .html; return its path.
 
-    Options are the fields of `PictureOptions`: frame, color, size, zoom, view, forces, body, frames, fps, camera, plate, cycles.
+    An .html file is a page for a browser with a slider over the frames, of many over evenly spaced ones. Options are the fields
+    of `PictureOptions`: frame, color, size, zoom, view, forces, body, frames, fps, camera, plate, cycles.
     `progress` of a film: True draws a bar on a terminal; a callable gets the number of pictures drawn and their total. Raises
     InputError for an invalid run, frame, array or option, MissingLibrary when the system cannot draw, OutputError when the file
     cannot be written.
     """
     output, chosen = checked_output(output), PictureOptions(**options)
-    film = output.suffix.lower() in FILMS
+    film, page = output.suffix.lower() in FILMS, output.suffix.lower() in PAGES
     _check_options(output.suffix.lower(), chosen)
     with RunFile(run_path) as run:
         if chosen.plate is not None:
             return draw_plate_map(run, output, chosen)
         last = -1 if chosen.frame is None else chosen.frame
-        numbers = frame_numbers(chosen.frames, run.frames) if film else [run.frame_number(last)]
+        several = film or (page and chosen.frame is None and run.frames)
+        numbers = frame_numbers(chosen.frames, run.frames) if several else [run.frame_number(last)]
         for number in numbers[:-1]:
             refuse_lost(run, number, run.bodies(number), run.spheres(number))
         # errors of a picture are raised here, not by the process that draws
@@ -75,8 +78,8 @@ def render(run_path: str | Path, output: str | Path, *, progress: bool | FilmRep
             raise InputError(f"{run.path}: this run has no bodies to draw")
         if chosen.body is not None:
             read_close_up(run, numbers[-1], chosen.body, chosen.color)
-    if output.suffix.lower() in PAGES:
-        return write_page(data, output, chosen.view)
+        if page:
+            return write_page(run, numbers, output, chosen.color, chosen.view, chosen.fps)
     job = asdict(chosen) | {"run": str(run.path), "file": str(output), "frames": numbers}
     with film_reporter(film and progress, output.name) as report:
         draw_elsewhere(__name__, job, report)
@@ -96,8 +99,9 @@ def _check_options(suffix: str, o: PictureOptions) -> None:
         (o.camera == "follow" and o.body is None, "camera: follow needs the body to follow; give its id as body"),
         (not 1 <= o.fps <= FASTEST, f"fps: {o.fps} is outside 1 to {FASTEST}"),
         (film and o.frame is not None, f"frame: a film ({suffix}) takes frames a:b:c"),
-        (not film and o.frames is not None, f"frames: {suffix} shows one frame; give frame, or name a .gif or .mp4"),
+        (not (film or page) and o.frames is not None, f"frames: {suffix} shows one frame; give frame, or name a .gif or .mp4"),
         (page and (o.forces or o.body is not None), "forces, body: drawn in .png, .gif, .mp4, not in .html"),
+        (page and None not in (o.frame, o.frames), "frame, frames: give one of them, or none for all frames"),
         (page and o.zoom is not None, "zoom: for pictures and films; a page zooms with the wheel"),
         (o.plate is not None and (suffix not in STILLS or o.body is not None or o.forces or o.zoom is not None),
          "plate: the map of a plate is a .png, without body, forces and zoom"),
