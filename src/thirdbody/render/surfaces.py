@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from thirdbody.errors import InputError, nearest
-from thirdbody.palette import rgb
+from thirdbody.palette import mixed
 from thirdbody.plot.figures import save
 from thirdbody.trajectory.names import LOWER_PLATE, PLATES
 from thirdbody.trajectory.read_blocks import rows_of
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import pyvista
 
 # Colours of the lowest and highest points: greys, so that the colours of states stand out.
-LOWEST, HIGHEST = "#47536A", "#FFFDF7"
+HEIGHTS = ("#47536A", "#FFFDF7")
 FINEST = 700  # largest number of points along the longer side of a mesh
 SHADE = 0.30  # fraction of black under a sphere
 # Colour of contacts on a rough plate, and the smallest radius at which they are drawn, over the mean radius of spheres.
@@ -71,9 +71,8 @@ class PlateSurface:
         return along, (self.heights(x, y + b) - self.heights(x, y - b)) / (2.0 * b)
 
     def colors(self, heights: np.ndarray) -> np.ndarray:
-        """Return colours (..., 3), 0 to 255, of heights."""
-        fraction = np.clip((heights - self.low) / max(self.high - self.low, 1e-300), 0.0, 1.0)[..., None]
-        return (1.0 - fraction) * np.array(rgb(LOWEST)) + fraction * np.array(rgb(HIGHEST))
+        """Return colours (..., 3) uint8 of heights."""
+        return mixed(HEIGHTS, (heights - self.low) / max(self.high - self.low, 1e-300))
 
 
 def read_plate_surfaces(run: RunFile, frame: int) -> dict[str, PlateSurface]:

@@ -17,7 +17,7 @@ import numpy as np
 from thirdbody.atomic_files import write_output
 from thirdbody.palette import FIELD_STOPS, rgb
 from thirdbody.render.picture_data import PictureData
-from thirdbody.render.surfaces import CONTACT, HIGHEST, LOWEST
+from thirdbody.render.surfaces import CONTACT, HEIGHTS
 from thirdbody.units import with_unit
 
 FINEST = 320  # largest number of points along the longer side of a rough plate: 270 kB of a page for a square plate
@@ -52,7 +52,7 @@ def _scene(data: PictureData) -> dict[str, object]:
         "contacts": ""
         if on is None
         else _packed(np.column_stack(((on.points - middle) * scale, on.radius * scale, on.slopes)), "<f4"),
-        "tones": {"low": rgb(LOWEST), "high": rgb(HIGHEST), "contact": rgb(CONTACT)},
+        "tones": {"low": rgb(HEIGHTS[0]), "high": rgb(HEIGHTS[1]), "contact": rgb(CONTACT)},
         "spheres": _packed(spheres, "<f4"),
         "colors": _packed(data.colors, "u1"),
         "bodies": _packed(data.body, "<i4"),
@@ -86,12 +86,12 @@ def _packed(values: np.ndarray, kind: str) -> str:
 
 
 def _legend(data: PictureData) -> str:
-    legend = data.legend
+    legend, caption = data.legend, f"<small>{html.escape(data.legend.caption)}</small>" if data.legend.caption else ""
     if legend.limits is None:
         entry = '<span class="entry"><i style="background:{}"></i>{}</span>'
         entries = [entry.format(color, html.escape(words)) for words, color in legend.entries]
-        return "".join([f"<b>{html.escape(legend.title)}</b>" if legend.title else "", *entries])
+        return "".join([f"<b>{html.escape(legend.title)}</b>" if legend.title else "", *entries, caption])
     title, ticks = legend.scale()
     marks = "".join(f'<span style="left:{100.0 * left:.2f}%">{number}</span>' for left, number in ticks)
     bar = f'<div class="bar" style="background:linear-gradient(90deg,{",".join(FIELD_STOPS)})"></div>'
-    return f'<b>{html.escape(title)}</b><div class="scale">{bar}{marks}</div>'
+    return f'<b>{html.escape(title)}</b><div class="scale">{bar}{marks}</div>{caption}'
