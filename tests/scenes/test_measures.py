@@ -187,7 +187,8 @@ def test_picture_of_a_map(runs, tmp_path: Path, monkeypatch):
     values, words = plate_map(run, "upper", "wear_depth", 1, None)
     assert np.array_equal(values, run.maps("upper", 1)["wear_depth"]) and words.startswith("upper plate, after ")
     # of cycles: the rate of the second and the third, 2 each
-    depth, ends = np.array([0.0, 5.0, 7.0, 9.0])[:, None, None] * [[0.0, 1.0], [1.0, 1.0]], {"end_time": np.array([1.0, 2.0, 3.0])}
+    depth = np.array([0.0, 5.0, 7.0, 9.0])[:, None, None] * [[0.0, 1.0], [1.0, 1.0]]
+    ends = {"end_time": np.array([1.0, 2.0, 3.0])}
     depth[3, 1, 1] = 11.0
     known = {"map_units": {"wear_depth": "m"}, "cycles": ends, "times": np.arange(4.0)}
     loops = SimpleNamespace(**known, maps=lambda plate, number: {"wear_depth": depth[number]})
