@@ -11,6 +11,7 @@ from thirdbody.palette import INK
 from thirdbody.palette import LINE_COLORS as LINES
 from thirdbody.plot.run_data import PERCENT, Panel, RunData, draw_lines, label_axis, no_labels
 from thirdbody.trajectory.friction import force_on_plate, running_mean
+from thirdbody.trajectory.names import SERIES
 from thirdbody.units import percent, quantity_text, unit_for
 
 # -- friction --
@@ -27,7 +28,7 @@ def _no_friction(data: RunData, loop: bool = False) -> str:
     return "" if np.isfinite(data.name("friction_coefficient")[1:]).any() else "never loaded"
 
 
-@partial(Panel, "friction", 2.1, _no_friction,
+@partial(Panel, "friction", 1.9, _no_friction,
     note="Friction coefficient: force of the debris on the upper plate against its motion, over the normal force; means over"
          " the output intervals. Its error counts that neighbouring intervals are correlated (autocorrelation"
          " time).")  # fmt: skip
@@ -141,7 +142,7 @@ def _path(u: np.ndarray, mu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return x[np.isfinite(x)], y[np.isfinite(x)]
 
 
-@partial(Panel, "states", 1.7, no_labels,
+@partial(Panel, "states", 1.3, no_labels,
     note="States: free, carries no load; sticking, moves no further than elastic contacts give way; sliding, all its contacts "
          "with one plate slip; rolling, turns as the plate moves on.")  # fmt: skip
 def _draw_states(axes: Axes, data: RunData) -> str:
@@ -231,7 +232,8 @@ def series_panel(name: str, unit: str) -> Panel:
         draw_lines(axes, data, vector or [(None, values, "black", "-")], "", "" if unit == "1" else unit)
         return name.replace("_", " ").capitalize()
 
-    return Panel(name, 1.4, lambda data: "", draw)
+    meaning = f"{name.replace('_', ' ').capitalize()}: {SERIES[name].meaning}" if name in SERIES else ""
+    return Panel(name, 1.4, lambda data: "", draw, note=meaning)
 
 
 # -- energy --
@@ -266,7 +268,7 @@ def ledger(data: RunData) -> dict[str, np.ndarray]:
     return {label: values for label, values in lines.items() if sizes[label] > minimum or label in ALWAYS_DRAWN}
 
 
-@partial(Panel, "energy", 2.1, _needs(lambda data: "energy_plate_work" in data.series, "no energy ledger"),
+@partial(Panel, "energy", 1.9, _needs(lambda data: "energy_plate_work" in data.series, "no energy ledger"),
     note="Energy: work of the plates since the start of the pressing, and where it went; each line is computed on its own,"
          " the residual is the rest.")  # fmt: skip
 def _draw_energy(axes: Axes, data: RunData) -> str:
