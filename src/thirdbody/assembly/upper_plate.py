@@ -252,7 +252,7 @@ class _Layer:
             self.warnings.append(
                 f"{pair.a.name}/{pair.b.name}: expected peak pressure {pretty(peak, 'pressure')}, {times(peak / limit.pressure)} "
                 f"{limit_words(limit.material, limit.pressure, limit.strength, limit.assumed)}: it would flow, but is computed "
-                f"as elastic; at most {pretty(float(allowed[0]), 'force')} on such a contact or a harder material keep it elastic, "
+                f"as elastic; at most {pretty(float(allowed[0]), 'force')} on such a contact or harder materials keep it so, "
                 "[effects.elastic_plastic] lets it flow"
             )
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 from thirdbody import units
 from thirdbody.debris.contract import PlacedClumps, PlacedDebris, PopulationContext
 from thirdbody.errors import Fault, InputError
-from thirdbody.schema.fields import Read, UnitOfLength, Whole, show
+from thirdbody.schema.fields import Read, Unit, Whole, show
 from thirdbody.schema.sizes import Size
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ class Mesh(PlacedDebris):
     file: Annotated[str | list[str], _FILES]
     """Closed mesh (STL, OBJ, PLY) relative to the scene, a list of such files, or a folder; bodies take them in turn.
     Example: "debris_particle.stl"."""
-    unit: UnitOfLength
+    unit: Unit
     """Unit of length of the files, by name, or the length of one. Example: "um"."""
     spheres: Annotated[int, Whole(ge=4, le=1500)] | None = None
     """Number of spheres of each body; by default 12, and where they miss a thin one as many as lie along it. Example: 12."""

@@ -19,7 +19,7 @@ from thirdbody.schema.fields import (
     Text,
     TwoLengths,
     TwoPositiveLengths,
-    UnitOfLength,
+    Unit,
 )
 from thirdbody.schema.parts import Part, Wrong, one_or_more, table_by_leading_key
 from thirdbody.surfaces import grid
@@ -145,7 +145,7 @@ class SurfaceFile(Part):
 
     file: Text
     """NPZ, X3P, CSV or TXT file, relative to the scene. Example: "scan.npz"."""
-    unit: UnitOfLength | None = None
+    unit: Unit | None = None
     """Unit of the heights of a CSV or TXT file, which names none. Example: "um"."""
     spacing: TwoPositiveLengths | None = None
     """Distance of the points along x and y of a CSV or TXT file. Example: ["0.5 um", "0.5 um"]."""
