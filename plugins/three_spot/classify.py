@@ -55,9 +55,9 @@ REASONS = (
 )  # fmt: skip
 NONE, FRICTION_LIMIT, _, _, LIFT_OFF, ROTATION, PIVOTING, ONE_SIDED, INDETERMINATE, UNBALANCED = range(10)
 WORDS = {
-    "free": "carries no load", "sticking": "moves no further than its contacts give way",
-    "sliding": "all its contacts with one plate slip", "rolling": "turns as the plate moves on",
-    "friction_limit": "all contacts with a plate slip", "lift_off": "a contact is lost", "rotation": "it tips",
+    "free": "carries no load", "sticking": "moves only as its contacts give way",
+    "sliding": "all contacts with a plate slip", "rolling": "turns as the plate moves",
+    "friction_limit": "all contacts with a plate slip", "lift_off": "a contact is lost", "rotation": "it tilts or turns over",
     "pivoting": "it turns about the normal of the plates", "one_sided": "it touches one plate only",
     "indeterminate": "nothing holds it against tipping", "unbalanced": "its forces are not in balance, inertia carries it",
 }  # fmt: skip

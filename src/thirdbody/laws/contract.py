@@ -320,8 +320,8 @@ class Labeller(Checked):
     def meanings(self) -> dict[str, str]:
         """Return what states, reasons, margins (as `margin_NAME`) and extras mean, as far as the labeller tells it."""
         names = {f"margin_{name}": name for name in self.margins} | {name: name for name in self.extras}
-        told = {column.name: column.meaning for column in self.outputs}
-        return dict(self.words or {}) | {name: told[column] for name, column in names.items() if column in told}
+        known = {column.name: column.meaning for column in self.outputs}
+        return dict(self.words or {}) | {name: known[column] for name, column in names.items() if column in known}
 
 
 @dataclass(frozen=True)

@@ -137,8 +137,8 @@ def _path(u: np.ndarray, mu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     There the plate has the coefficient of the interval before, and turns only then.
     """
     steps = np.diff(u)
-    turns = np.where(steps * np.roll(steps, -1) < 0.0, u[1:], np.nan)  # the last one, too, if the cycle turns there
-    x, y = np.column_stack([0.5 * (u[1:] + u[:-1]), turns]).ravel(), np.repeat(mu[1:], 2)
+    ends = np.where(steps * np.roll(steps, -1) < 0.0, u[1:], np.nan)  # the last one, too, if the cycle turns there
+    x, y = np.column_stack([0.5 * (u[1:] + u[:-1]), ends]).ravel(), np.repeat(mu[1:], 2)
     return x[np.isfinite(x)], y[np.isfinite(x)]
 
 

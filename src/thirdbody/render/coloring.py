@@ -127,8 +127,8 @@ def _categories(
     words = [f"{names[code].replace('_', ' ')}  {counts[code]}  ({100.0 * counts[code] / total:.0f} %)" for code in shown]
     entries = tuple((text, colors[code]) for text, code in zip(words, shown, strict=True))
     title = {"state": "", "state_reason": "reason"}.get(name, name.replace("_", " "))
-    told = run.header.get("meanings", {}) if name in ("state", "state_reason") else {}
-    caption = "; ".join(f"{names[code].replace('_', ' ')}: {told[names[code]]}" for code in shown if names[code] in told)
+    meanings = run.header.get("meanings", {}) if name in ("state", "state_reason") else {}
+    caption = "; ".join(f"{names[code].replace('_', ' ')}: {meanings[names[code]]}" for code in shown if names[code] in meanings)
     legend = Legend(title, entries, codes=tuple(shown), total=total, caption=caption)
     palette = np.array([rgb(color) for color in colors], np.uint8)
     return palette[codes[row].astype(np.int64)], legend, None

@@ -94,8 +94,8 @@ def close_up_window(data: PictureData, view: str = "iso") -> Window | None:
         along = 0 if view == "side" else 1
         half, counts = np.empty(2), (12, 12)
         half[along] = min(5.0 * extent[2], 0.5 * extent[along])
-        deep = 0.25 * _SLICE_BODIES / count * extent[0] * extent[1] / half[along]
-        half[1 - along] = min(max(1.2 * extent[2], deep), 0.5 * extent[1 - along])
+        depth = 0.25 * _SLICE_BODIES / count * extent[0] * extent[1] / half[along]
+        half[1 - along] = min(max(1.2 * extent[2], depth), 0.5 * extent[1 - along])
         if 2.0 * half[along] > _WIDEST_SLICE * extent[along]:
             return None
     ends = zip(data.low[:2] + half, data.high[:2] - half, counts, strict=True)
@@ -156,7 +156,7 @@ def _viewports(layout: Layout, size: tuple[int, int], foot: float, head: float, 
         return [(0.01, foot, 0.99, head)]
     if not flat and size[0] >= 1.25 * size[1]:
         return [(0.01, foot, 0.56, head), (0.565, foot + 0.005, 0.985, head)]
-    part, margin = (0.66, 0.035) if flat else (0.5, 0.0)
+    part, margin = (0.56, 0.035) if flat else (0.5, 0.0)
     cut = foot + part * (head - foot)
     return [(0.01, cut + label / size[1], 0.99, head - margin), (0.015, foot + 0.005, 0.985, cut - 0.01)]
 
@@ -202,8 +202,8 @@ def draw_legend(overlay: Overlay, legend: Legend, full_scale: float = 0.0, tubes
     line = 1.3 * overlay.text_height(_CAPTION)
     for number, words in enumerate(lines):
         overlay.text(words, overlay.px(_LEFT), overlay.px(12) + (number + 0.5) * line, _CAPTION, SOFT_INK)
-    lowest = overlay.px(_LOWEST) + len(lines) * line
     pitch = 44.0 if legend.limits is None else 62.0  # a colour scale has numbers below it
+    lowest = overlay.px(_LOWEST + (pitch - 44.0) * bool(lines)) + len(lines) * line
     for number, row in enumerate(reversed(rows)):
         x, y = overlay.px(_LEFT), lowest + overlay.px(pitch * number)
         for wide, draw in row:

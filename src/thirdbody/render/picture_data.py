@@ -112,7 +112,8 @@ def read_picture_data(run: RunFile, frame: int, color: str, forces: bool = False
     surfaces, touching = read_plate_surfaces(run, frame), None
     if surfaces:
         ends = (f"{side} plate {with_unit(one.low, 'm')} to {with_unit(one.high, 'm')}" for side, one in surfaces.items())
-        legend = replace(legend, caption=f"{legend.caption} Heights, dark to light: {', '.join(ends)}.".strip())
+        captions = legend.caption, f"heights, dark to light: {', '.join(ends)}"
+        legend = replace(legend, caption="; ".join(filter(None, captions)))
     if "lower" in surfaces:
         smallest = SMALLEST_CONTACT * float(np.mean(spheres["radius"])) if len(row) else 0.0
         touching = read_touching(run, frame, bodies, shift, surfaces["lower"], smallest)

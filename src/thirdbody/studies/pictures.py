@@ -61,14 +61,15 @@ def draw_sweep(
     columns = min(len(listed), PER_ROW)
     rows = -(-len(listed) // columns)
     width = WIDTH if columns > 1 else ALONE
-    told = {name: RESULTS[name].meaning for _, names in listed for name in names if name in RESULTS}
-    meanings = [line for name, text in told.items() for line in textwrap.wrap(f"{_words(name)}: {text}", int(14.0 * width))]
+    known = {name: RESULTS[name].meaning for _, names in listed for name in names if name in RESULTS}
+    texts = [f"{_words(name)}: {text[:1].lower()}{text[1:]}" for name, text in known.items()]
+    meanings = [line for text in texts for line in textwrap.wrap(text, int(14.0 * width))]
     figure = Figure(figsize=(width, HEIGHT * rows + 0.5 + LINE * len(meanings)), layout="constrained")
     grid = np.atleast_1d(figure.subplots(rows, columns, squeeze=False)).ravel()
     for axes, panel in zip(grid, listed, strict=False):
         (_draw_map if is_map else _draw_curves)(axes, sweep, shown, panel)
     for axes in grid[len(listed) :]:
-        axes.set_visible(False)
+        axes.remove()
     bars = "" if is_map else "; bars: standard error"
     mean = f"mean over {', '.join(shown.averaged)} ({shown.largest} points{bars})" if shown.largest > 1 else ""
     figure.supxlabel("\n".join(meanings), x=0.01, ha="left", fontsize=8, color=SOFT_INK)
