@@ -54,6 +54,13 @@ REASONS = (
     "unbalanced",
 )  # fmt: skip
 NONE, FRICTION_LIMIT, _, _, LIFT_OFF, ROTATION, PIVOTING, ONE_SIDED, INDETERMINATE, UNBALANCED = range(10)
+WORDS = {
+    "free": "carries no load", "sticking": "moves only as its contacts give way",
+    "sliding": "all contacts with a plate slip", "rolling": "turns as the plate moves",
+    "friction_limit": "all contacts with a plate slip", "lift_off": "a contact is lost", "rotation": "it tilts or turns over",
+    "pivoting": "it turns about the normal of the plates", "one_sided": "it touches one plate only",
+    "indeterminate": "nothing holds it against tipping", "unbalanced": "its forces are not in balance, inertia carries it",
+}  # fmt: skip
 EPS_LIMIT = 0.02
 MAX_ROTATION_OVER_DRAG = 0.5  # fraction of the drag accommodated by rotation of a body that is not held
 BALANCE = 0.05
@@ -224,6 +231,7 @@ def write_label(C: Array, n: int, observed: Array, m: Array, out: Array) -> None
 LABELLER = Labeller(
     name="three_spot", observe=update_history, label=label, label_without_effects=label_without_effects,
     label_without_forecasts=label_without_forecasts, states=STATES, reasons=REASONS, margins=MARGINS, extras=EXTRAS,
-    codes=("sliding_side", "forecast"), forecasts=FORECASTS, outputs=output, memory=MEMORY, contact_memory=CONTACT_MEMORY,
+    codes=("sliding_side", "forecast"), forecasts=FORECASTS, outputs=output, words=WORDS, memory=MEMORY,
+    contact_memory=CONTACT_MEMORY,
     source="Willert, Self-consistency conditions in static three-body elastic tangential contact; labels by travel",
 )  # fmt: skip

@@ -26,6 +26,9 @@ LINE_COLORS = {
     "purple": "#CC79A7", "grey": "#6B6F76",
 }  # fmt: skip
 
+# Tubes of contact forces, from none to the largest: light and dark violet, which no state has.
+FORCE_COLORS = ("#BFAED4", "#2A0A45")
+
 # Viridis (S. van der Walt, N. Smith, 2015) at nine equal steps; linear interpolation differs by at most 2 of 255.
 FIELD_STOPS = ("#440154", "#472D7B", "#3B528B", "#2C728E", "#21918C", "#28AE80", "#5EC962", "#ADDC30", "#FDE725")
 
@@ -45,6 +48,12 @@ def category_colors(count: int) -> list[str]:
     """Return one colour `#RRGGBB` for each of `count` codes; beyond ten they repeat, without the grey."""
     first, others = CATEGORY_COLORS[0], CATEGORY_COLORS[1:]
     return [first, *(others[i % len(others)] for i in range(count - 1))][:count]
+
+
+def mixed(ends: tuple[str, str], fraction: np.ndarray) -> np.ndarray:
+    """Return colours (..., 3) uint8 from the first to the second of two `#RRGGBB`, by fractions (...) from 0 to 1."""
+    first, second = (np.array(rgb(color), np.float64) for color in ends)
+    return np.rint(first + np.clip(fraction, 0.0, 1.0)[..., None] * (second - first)).astype(np.uint8)
 
 
 def pale(colors: np.ndarray, white: float) -> np.ndarray:

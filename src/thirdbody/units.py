@@ -123,6 +123,11 @@ def parse(text: str, dimension: str) -> float:
     return parse_any(text, (dimension,))[0]
 
 
+def parse_unit(text: str) -> float:
+    """Return a unit of length [m] that is named, such as "um", or a length, such as "0.5 um". Raises ValueError like `parse`."""
+    return parse(text if text.strip()[:1] in "+-.0123456789" else f"1 {text}", "length")
+
+
 def parse_any(text: str, dimensions: tuple[str, ...]) -> tuple[float, str]:
     """Return the SI value, and which of the dimensions the text has. Raises ValueError like `parse`."""
     wanted = [DIMENSIONS[name] for name in dimensions]

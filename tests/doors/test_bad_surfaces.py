@@ -188,7 +188,7 @@ def test_a_text_that_is_no_map_is_told_by_its_lines(tmp_path):
             read_scan(tmp_path / "a.txt", **TEXT)
         assert all(word in str(error.value) for word in words), (case, str(error.value))
     # a scene says what text does not, and only of text
-    keys = SCENE.replace('"FILE"', '"a.txt", unit = "1 um", spacing = ["1 um", "1 um"]')
+    keys = SCENE.replace('"FILE"', '"a.txt", unit = "um", spacing = ["1 um", "1 um"]')
     Scene.parse(keys)
     for text, wrong in ((SCENE.replace("FILE", "a.txt"), "missing, such as"), (keys.replace("a.txt", "a.npz"), "of CSV and TXT")):
         with pytest.raises(InputError) as error:

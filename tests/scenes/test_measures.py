@@ -185,14 +185,18 @@ def test_picture_of_a_map(runs, tmp_path: Path, monkeypatch):
         assert image.size == (400, 300) and len(image.convert("RGB").getcolors(400 * 300)) > 20
     assert run.render(tmp_path / "first.png", plate="upper").is_file()  # the first map
     values, words = plate_map(run, "upper", "wear_depth", 1, None)
-    assert np.array_equal(values, run.maps("upper", 1)["wear_depth"]) and words.startswith("after ")
+    assert np.array_equal(values, run.maps("upper", 1)["wear_depth"]) and words.startswith("upper plate, after ")
     # of cycles: the rate of the second and the third, 2 each
-    depth, ends = (0.0, 5.0, 7.0, 9.0), {"end_time": np.array([1.0, 2.0, 3.0])}
+    depth = np.array([0.0, 5.0, 7.0, 9.0])[:, None, None] * [[0.0, 1.0], [1.0, 1.0]]
+    ends = {"end_time": np.array([1.0, 2.0, 3.0])}
+    depth[3, 1, 1] = 11.0
     known = {"map_units": {"wear_depth": "m"}, "cycles": ends, "times": np.arange(4.0)}
-    loops = SimpleNamespace(**known, maps=lambda plate, number: {"wear_depth": np.full((2, 2), depth[number])})
+    loops = SimpleNamespace(**known, maps=lambda plate, number: {"wear_depth": depth[number]})
     loops.drag = SimpleNamespace(run=loops)
     monkeypatch.setattr("thirdbody.trajectory.summary.friction_cycles", lambda drag: ends)
-    assert (plate_map(loops, "lower", "wear_depth", None, 10.0)[0] == 20.0).all()
+    values, words = plate_map(loops, "lower", "wear_depth", None, 10.0)
+    assert values.tolist() == [[0.0, 20.0], [20.0, 30.0]]
+    assert "mean 23.3 m where there is any, largest 30 m" in words.replace("\N{NO-BREAK SPACE}", " ")
     monkeypatch.undo()
     for wrong, message in (
         ({"plate": "uper", "color": "wear_depth"}, "did you mean 'upper'"),

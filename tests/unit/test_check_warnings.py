@@ -60,8 +60,8 @@ WARNINGS = {
         ["output.every: 1 um is longer than the whole run; allowed: at most 1 nm"],
     ),
     "dashpots against friction": (
-        [("1 mm/s", "1 m/s"), ("load =", 'damping = "3e-6 kg/s"\nload =')],
-        ["dashpot carries up to 0.30 of the load", "tenth of the plate's work", "plates.upper.damping"],
+        [("1 mm/s", "1 m/s"), ("load =", 'damping = "3e-5 kg/s"\nload =')],
+        ["dashpot carries up to 3.0 times the load", "3 times slower", 'plates.upper.damping = "0.00001 kg/s"'],
     ),
     "bed without contacts": (
         [*BED, ("[solver]", '[contact]\ndebris_contact = "none"\n[solver]')], ["40 bodies, packed", 'debris_contact = "auto"'],

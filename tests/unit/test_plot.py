@@ -285,11 +285,11 @@ def test_a_friction_loop_has_the_area_of_its_parallelogram(tmp_path):
         assert work == pytest.approx(LOAD * area, rel=1e-9) and size == pytest.approx(area / 160e-9, rel=1e-9)
         axes = panels(page(run))
         assert "friction" not in axes and list(axes)[0] == "loop"
-        loop = line(axes["loop"], "last whole cycle")
-        assert len(loop.get_xdata()) == 41 and loop.get_xdata()[0] == loop.get_xdata()[-1]
-        assert loop.get_ydata()[:-1].tolist() == mu[41:81].tolist()
-        # at the middle of each interval, nm
-        np.testing.assert_allclose(loop.get_xdata()[:20], 2.0 + 4.0 * np.arange(20.0), rtol=1e-9)
+        x, y = line(axes["loop"], "last whole cycle").get_data()
+        # at the middle of each interval, nm, at both turns with the coefficient before, and closed
+        np.testing.assert_allclose(x[:21], [*(2.0 + 4.0 * np.arange(20.0)), 80.0], rtol=1e-9)
+        assert y[:21].tolist() == [*mu[41:61], mu[60]] and y[21:].tolist() == [*mu[61:81], mu[80], mu[41]]
+        assert (x[-1], y[-1]) == (x[0], y[0]) and (x.min(), x.max()) == pytest.approx((0.0, 80.0), abs=1e-9)
         words = " ".join(text.get_text() for text in page(run, ["loop"]).texts).replace("\N{NO-BREAK SPACE}", " ")
         assert "8 bodies without mutual contact" in words and "moved back and forth over 360 nm in all in 90 µs (4 mm/s)" in words
         assert "area 30.4" in axes["loop"].get_title(loc="left")

@@ -17,12 +17,12 @@ import thirdbody
 from thirdbody.api import open_run
 from thirdbody.errors import InputError, MissingLibrary, OutputError
 from thirdbody.export.tables import export_csv
-from thirdbody.palette import CATEGORY_COLORS, STATE_COLORS, category_colors, field_colors, rgb, state_colors
+from thirdbody.palette import CATEGORY_COLORS, FORCE_COLORS, STATE_COLORS, category_colors, field_colors, rgb, state_colors
 from thirdbody.plot.summary_page import page
 from thirdbody.render import elsewhere
 from thirdbody.render.coloring import Legend, compute_coloring, scale_colors
 from thirdbody.render.layout import close_up_window
-from thirdbody.render.picture_data import TUBE, read_picture_data
+from thirdbody.render.picture_data import read_picture_data
 from thirdbody.render.render import render
 from thirdbody.report.tables import run_report, states_report
 from thirdbody.trajectory.names import Frame
@@ -83,8 +83,8 @@ def test_the_same_picture_is_drawn_into_the_same_bytes(layer, tmp_path):
 @pytest.mark.parametrize("view", ["iso", pytest.param("side", marks=pytest.mark.full(kind="slow"))])
 def test_forces_are_tubes(layer, picture, tmp_path, view):
     plain = picture if view == "iso" else render(layer, tmp_path / "a.png", frame=0, size=(800, 450), view=view)
-    forces = render(layer, tmp_path / "b.png", frame=0, size=(800, 450), view=view, forces=True)
-    dark = [np.all(np.abs(read_pixels(drawn).astype(int) - rgb(TUBE)) < 40, axis=2).mean() for drawn in (plain, forces)]
+    both = plain, render(layer, tmp_path / "b.png", frame=0, size=(800, 450), view=view, forces=True)
+    dark = [np.all(np.abs(read_pixels(drawn).astype(int) - rgb(FORCE_COLORS[1])) < 40, axis=2).mean() for drawn in both]
     assert dark[1] > dark[0] + 0.003  # a hundred tubes of some 3 by 20 pixels, half of them hidden
 
 

@@ -181,7 +181,7 @@ count = 3
 material = "steel"
 kind = "mesh"
 file = "rock.stl"
-unit = "1 um"
+unit = "um"
 spheres = 6
 count = 2
 """
@@ -200,7 +200,7 @@ def scene(tmp_path, stone):
 
 
 def test_a_mesh_is_reported_by_its_own_volume_and_inertia(call, stone):
-    code, out, _ = call("rock.stl", "--unit", "1 um", "--spheres", 8, "--json")
+    code, out, _ = call("rock.stl", "--unit", "um", "--spheres", 8, "--json")
     (entry,) = json.loads(out)["populations"]
     fit = entry["fit"]
     # STL holds single precision

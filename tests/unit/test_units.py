@@ -126,3 +126,15 @@ def test_texts_are_readable_and_every_dimension_has_a_unit_of_factor_one_and_a_t
         for unit, power in entry.ladder:
             assert units.parse(f"1 {unit}", name) == float(f"1e{power}")
         assert name == "dimensionless" or units.parse(f"1 {entry.usual}", name) > 0.0
+
+
+def test_a_unit_of_length_has_a_name_or_a_size():
+    assert units.parse_unit("um") == units.parse_unit(" 1 um") == 1e-6 and units.parse_unit(".5 um") == 5e-7
+    for text, message in {
+        "kg": "is a mass, expected a length",
+        "1": "has no unit",
+        "": "cannot read",
+        "mu": "did you mean 'um'",
+    }.items():
+        with pytest.raises(ValueError, match=message):
+            units.parse_unit(text)

@@ -31,11 +31,6 @@ MAX_HERTZ_OVERLAP = 0.1
 HANDFUL = 3
 """Largest number of loaded bodies, of a larger layer, with a warning: a rigid parallel plate rests on few stiff bodies."""
 
-DASHPOT_WARNING = 0.1
-"""Threshold of a warning: force of the patches' dashpots at the speed of the drag, over the load.
-
-At 0.07 and friction 0.8, where most bodies roll, friction dissipates 0.79 of the plate's work; at 0.7 it dissipates 0.51."""
-
 RELAXED = 12.0
 """Settling time of a foundation in relaxation times (dashpot over spring of a patch): the plate comes down in the first ones,
 and after the others less than 1e-3 of the load is not yet shared."""
@@ -256,9 +251,9 @@ class _Layer:
             peak, allowed = float(pressure[worst[0]]), load_at(physics, np.array([limit.pressure]), radius[worst], kind[worst])
             self.warnings.append(
                 f"{pair.a.name}/{pair.b.name}: expected peak pressure {pretty(peak, 'pressure')}, {times(peak / limit.pressure)} "
-                f"{limit_words(limit.material, limit.pressure, limit.strength, limit.assumed)}; contacts are computed as elastic "
-                f"all the same; below it: at most {pretty(float(allowed[0]), 'force')} on such a contact; "
-                "[effects.elastic_plastic] lets them flow"
+                f"{limit_words(limit.material, limit.pressure, limit.strength, limit.assumed)}: it would flow, but is computed "
+                f"as elastic; at most {pretty(float(allowed[0]), 'force')} on such a contact or harder materials keep it so, "
+                "[effects.elastic_plastic] lets it flow"
             )
 
     def _force(self, z: float) -> Array:
@@ -299,14 +294,9 @@ class _Layer:
     def _warn_dashpot(self, settle: float, dashpot: Array) -> None:
         fraction = float(dashpot.max()) * schedule(self.scene, settle).top_speed() / self.load
         if fraction > 1.0:
+            enough = pretty(float(dashpot.max()) / fraction, "damping")
             self.warnings.append(
-                f"the patches' dashpot carries up to {fraction:.1f} of the load when they rise or fall at the drag speed: the "
-                "motion is not quasi-static, and what bodies that roll should rub the dashpots take; lower plates.upper.damping "
-                "or the speed"
-            )
-        elif fraction > DASHPOT_WARNING:
-            self.warnings.append(
-                f"the patches' dashpot carries up to {fraction:.2f} of the load when they rise or fall at the drag speed: where "
-                "bodies roll, dashpots may take more than a tenth of the plate's work (see the summary of the run), which "
-                "friction work then lacks; lower plates.upper.damping or the speed where that matters"
+                f"the patches' dashpot carries up to {fraction:.1f} times the load when they rise or fall at the drag speed: the "
+                "motion is not quasi-static, and what bodies that roll should rub the dashpots take; a motion "
+                f'{fraction:.2g} times slower or plates.upper.damping = "{enough}" leaves them no more than the load'
             )

@@ -19,7 +19,6 @@ COMMAND_GROUP = "thirdbody.commands"
 # Metavars in help for options that name none; all others have their own name in capitals.
 METAVARS = {
     "TIME": ("budget", "every", "wall_limit"),
-    "LENGTH": ("unit",),
     "FILE": ("check", "plugin"),
     "PATH": ("out",),
     "N": ("body", "fps", "frame", "repeats", "samples", "seed", "spheres", "threads", "workers"),

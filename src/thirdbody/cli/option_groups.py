@@ -87,7 +87,7 @@ class Cluster(NamedTuple):
 class MeshFit(NamedTuple):
     """How a surface mesh becomes a clump."""
 
-    unit: Annotated[str | None, typer.Option("--unit", help="mesh: length of one unit of the file, such as '1 um'")] = None
+    unit: Annotated[str | None, typer.Option("--unit", help="mesh: unit of length of the file, such as um")] = None
     spheres: Annotated[
         int | None, typer.Option("--spheres", help="mesh: spheres that represent it [12, more where these miss]")
     ] = None

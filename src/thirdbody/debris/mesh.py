@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 from thirdbody import units
 from thirdbody.debris.contract import PlacedClumps, PlacedDebris, PopulationContext
 from thirdbody.errors import Fault, InputError
-from thirdbody.schema.fields import PositiveLength, Read, Whole, show
+from thirdbody.schema.fields import Read, Unit, Whole, show
 from thirdbody.schema.sizes import Size
 
 if TYPE_CHECKING:
@@ -50,8 +50,8 @@ class Mesh(PlacedDebris):
     kind: Literal["mesh"] = "mesh"
     file: Annotated[str | list[str], _FILES]
     """Closed mesh (STL, OBJ, PLY), list or folder of them, relative to the scene; used in turn. Example: "flake.stl"."""
-    unit: PositiveLength
-    """Length of one unit of the files. Example: "1 um"."""
+    unit: Unit
+    """Unit of length of the files, by name, or the length of one. Example: "um"."""
     spheres: Annotated[int, Whole(ge=4, le=1500)] | None = None
     """Number of spheres of each body; by default 12, more for a thin body that 12 would miss. Example: 12."""
     size: Size | None = None

@@ -315,6 +315,13 @@ class Labeller(Checked):
     label_without_effects: Callable | None = None
     label_without_forecasts: Callable | None = None
     forecasts: tuple[str, ...] = ()
+    words: Mapping[str, str] | None = None  # what states and reasons mean, for legends of pictures
+
+    def meanings(self) -> dict[str, str]:
+        """Return what states, reasons, margins (as `margin_NAME`) and extras mean, as far as the labeller tells it."""
+        names = {f"margin_{name}": name for name in self.margins} | {name: name for name in self.extras}
+        known = {column.name: column.meaning for column in self.outputs}
+        return dict(self.words or {}) | {name: known[column] for name, column in names.items() if column in known}
 
 
 @dataclass(frozen=True)

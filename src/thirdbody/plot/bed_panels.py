@@ -80,7 +80,7 @@ def _no_accommodation(data: RunData) -> str:
     return "" if passed else "no load passed between the plates"
 
 
-@partial(Panel, "accommodation", 1.9, _no_accommodation,
+@partial(Panel, "accommodation", 1.7, _no_accommodation,
     note="Velocity accommodation: the speed of the upper plate as the sum of slip at the contacts of both plates, of what the "
          "rotation of the bodies adds between them, and of shear inside the bed; weighted by the load that passes from plate "
          "to plate.")  # fmt: skip
@@ -118,7 +118,7 @@ def _no_bed(data: RunData) -> str:
     return "" if drawn else "its bed is not sheared, or is thinner than three diameters"
 
 
-@partial(Panel, "bed", 1.7, _no_bed,
+@partial(Panel, "bed", 1.5, _no_bed,
     note="Bed: shear is slow where the inertial number, shear rate * diameter * sqrt(density / pressure), is below 0.001, the "
          "dotted line; unbalanced force: mean total force on a body over the mean contact force.")  # fmt: skip
 def _draw_bed(axes: Axes, data: RunData) -> str:
@@ -173,7 +173,7 @@ def _draw_profile(axes: Axes, data: RunData, values: np.ndarray, color: str, lab
     axes.set_ylim(0.0, float(ends[1]))
 
 
-@partial(Panel, "velocity_profile", 2.4, _no_profiles, half=True,
+@partial(Panel, "velocity_profile", 2.1, _no_profiles, half=True,
     note="Profiles: means in slabs between the plates, over the second half of the sliding or of the cycles (there along the "
          "motion of the plate). Stress: of contact forces and of velocities together; of the plates: their forces over the "
          "area.")  # fmt: skip
@@ -189,7 +189,7 @@ def _draw_velocity(axes: Axes, data: RunData) -> str:
     return "Velocity along the drag"
 
 
-@partial(Panel, "solid_profile", 2.4, _no_profiles, half=True)
+@partial(Panel, "solid_profile", 2.1, _no_profiles, half=True)
 def _draw_solid(axes: Axes, data: RunData) -> str:
     solid = _mean(data, data.run.profiles["solid_fraction"])
     _draw_profile(axes, data, solid, "blue", "debris")
@@ -198,7 +198,7 @@ def _draw_solid(axes: Axes, data: RunData) -> str:
     return f"Solid fraction: {float(np.mean(solid)):.3f}"
 
 
-@partial(Panel, "stress_profile", 2.4, _no_profiles, half=True)
+@partial(Panel, "stress_profile", 2.1, _no_profiles, half=True)
 def _draw_stress(axes: Axes, data: RunData) -> str:
     profiles, k = data.run.profiles, "xyz".index(data.run.header["profiles"]["axis"])
     stress = (profiles["contact_stress"] + profiles["kinetic_stress"])[..., k]  # on faces across the slabs, (F, bins, 3)
@@ -218,7 +218,7 @@ def _draw_stress(axes: Axes, data: RunData) -> str:
     return f"Stress: {quantity_text(float(np.mean(lines[0][1])), 'Pa')} across the slabs"
 
 
-@partial(Panel, "states_profile", 2.4, lambda data: _no_profiles(data) or no_labels(data), half=True)
+@partial(Panel, "states_profile", 2.1, lambda data: _no_profiles(data) or no_labels(data), half=True)
 def _draw_states_profile(axes: Axes, data: RunData) -> str:
     position, ends = _slabs(axes, data)
     left, height = np.zeros(len(position)), float(ends[1]) / len(position)

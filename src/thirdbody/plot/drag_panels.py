@@ -11,6 +11,7 @@ from thirdbody.palette import INK
 from thirdbody.palette import LINE_COLORS as LINES
 from thirdbody.plot.run_data import PERCENT, Panel, RunData, draw_lines, label_axis, no_labels
 from thirdbody.trajectory.friction import force_on_plate, running_mean
+from thirdbody.trajectory.names import SERIES
 from thirdbody.units import percent, quantity_text, unit_for
 
 # -- friction --
@@ -27,7 +28,7 @@ def _no_friction(data: RunData, loop: bool = False) -> str:
     return "" if np.isfinite(data.name("friction_coefficient")[1:]).any() else "never loaded"
 
 
-@partial(Panel, "friction", 2.1, _no_friction,
+@partial(Panel, "friction", 1.9, _no_friction,
     note="Friction coefficient: force of the debris on the upper plate against its motion, over the normal force; means over"
          " the output intervals. Its error counts that neighbouring intervals are correlated (autocorrelation"
          " time).")  # fmt: skip
@@ -99,7 +100,7 @@ def loop_area(data: RunData) -> float:
          " upper plate; the area times the load is the work of one cycle. On a path along both axes each has a loop, and"
          " their areas add up.")  # fmt: skip
 def _draw_loop(axes: Axes, data: RunData) -> str:
-    """Draw the coefficient of every interval at the middle of its displacement, the last whole cycle emphasised.
+    """Draw the coefficient of every interval, the last whole cycle emphasised and closed.
 
     On a path along both axes there is a loop for each of them.
     """
@@ -112,17 +113,14 @@ def _draw_loop(axes: Axes, data: RunData) -> str:
         loops = [(f"along {'xy'[k]}: ", colors[k], data.drag.offset[:, k], mu[:, k]) for k in (0, 1)]
     factor, unit = unit_for(np.concatenate([u for _, _, u, _ in loops]), "m")
     for name, color, u, mu in loops:
-        middle = u / factor
-        middle[1:] = 0.5 * (middle[1:] + middle[:-1])  # abscissa of the mean over the interval
-        shown = slice(data.start + 1, None)
-        axes.plot(middle[shown], mu[shown], color=color if name else LINES["sky"], linewidth=0.9, label=f"{name}all of the drag")
+        x, y = _path(u[data.start :] / factor, mu[data.start :])
+        axes.plot(x, y, color=color if name else LINES["sky"], linewidth=0.9, label=f"{name}all of the drag")
         if data.drag.cycles:
-            inside = slice(data.drag.cycles[-1].start + 1, data.drag.cycles[-1].stop)
-            # closed by its first point
-            x, y = (np.append(part[inside], part[inside][0]) for part in (middle, mu))
-            known = np.isfinite(y)
+            x, y = _path(u[data.drag.cycles[-1]] / factor, mu[data.drag.cycles[-1]])
+            known = np.flatnonzero(np.isfinite(y))
+            known = np.append(known, known[:1])  # closed by its first point
             axes.fill(x[known], y[known], color=color, alpha=0.12, linewidth=0.0, label=f"{name}its area")
-            axes.plot(x, y, color=color, linewidth=1.8, label=f"{name}last whole cycle")
+            axes.plot(x[known], y[known], color=color, linewidth=1.8, label=f"{name}last whole cycle")
     _draw_pairs(axes, data, (1.0, -1.0))
     axes.axhline(0.0, color=INK, linewidth=0.6)
     axes.set(xlabel=f"displacement of the upper plate ({unit})", ylabel=MU)
@@ -133,7 +131,18 @@ def _draw_loop(axes: Axes, data: RunData) -> str:
     return f"Friction loop: area {quantity_text(area, 'm')}{energy}"
 
 
-@partial(Panel, "states", 1.7, no_labels,
+def _path(u: np.ndarray, mu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the line of frames with displacements `u` (n,): the coefficient of each interval at its middle, and at the turns.
+
+    There the plate has the coefficient of the interval before, and turns only then.
+    """
+    steps = np.diff(u)
+    ends = np.where(steps * np.roll(steps, -1) < 0.0, u[1:], np.nan)  # the last one, too, if the cycle turns there
+    x, y = np.column_stack([0.5 * (u[1:] + u[:-1]), ends]).ravel(), np.repeat(mu[1:], 2)
+    return x[np.isfinite(x)], y[np.isfinite(x)]
+
+
+@partial(Panel, "states", 1.3, no_labels,
     note="States: free, carries no load; sticking, moves no further than elastic contacts give way; sliding, all its contacts "
          "with one plate slip; rolling, turns as the plate moves on.")  # fmt: skip
 def _draw_states(axes: Axes, data: RunData) -> str:
@@ -223,7 +232,8 @@ def series_panel(name: str, unit: str) -> Panel:
         draw_lines(axes, data, vector or [(None, values, "black", "-")], "", "" if unit == "1" else unit)
         return name.replace("_", " ").capitalize()
 
-    return Panel(name, 1.4, lambda data: "", draw)
+    meaning = f"{name.replace('_', ' ').capitalize()}: {SERIES[name].meaning}" if name in SERIES else ""
+    return Panel(name, 1.4, lambda data: "", draw, note=meaning)
 
 
 # -- energy --
@@ -258,7 +268,7 @@ def ledger(data: RunData) -> dict[str, np.ndarray]:
     return {label: values for label, values in lines.items() if sizes[label] > minimum or label in ALWAYS_DRAWN}
 
 
-@partial(Panel, "energy", 2.1, _needs(lambda data: "energy_plate_work" in data.series, "no energy ledger"),
+@partial(Panel, "energy", 1.9, _needs(lambda data: "energy_plate_work" in data.series, "no energy ledger"),
     note="Energy: work of the plates since the start of the pressing, and where it went; each line is computed on its own,"
          " the residual is the rest.")  # fmt: skip
 def _draw_energy(axes: Axes, data: RunData) -> str:

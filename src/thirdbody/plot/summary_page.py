@@ -23,6 +23,12 @@ LETTERS_OF_TITLE, LETTERS, LETTERS_OF_NOTE = 62, 116, 145  # largest number of l
 DECIMALS = 8  # decimals of the positions of axes, as fractions of the page: far below a pixel
 EDGE, MARGIN = 0.2, 0.3  # free space above and below, and to the left [inch]
 
+# Panels that the page leaves out, unless they are named, where it has another one that shows nearly the same: the other one.
+SHOWN_BY = {
+    "groups": "bed", "accommodation": "velocity_profile", "gap": "solid_profile", "states_profile": "bed",
+    "normal_force": "stress_profile",
+}  # fmt: skip
+
 PANELS = {part.name: part for module in (drag_panels, bed_panels) for part in vars(module).values() if isinstance(part, Panel)}
 
 
@@ -52,8 +58,13 @@ def page(run: RunFile, panels: Sequence[str] | None = None, frame: int = -1) -> 
         raise InputError(f"{run.path}: nothing to plot: {'; '.join(dict.fromkeys(missing.values()))}")
     # where the scene prescribes the gap, the load is a result
     gap_is_set = data.run.scene_tables.get("plates", {}).get("upper", {}).get("gap") is not None
-    wanted = panels or [name for name in there if name != ("gap" if gap_is_set and "load" in there else "load")]
-    return _compose(data, [(PANELS | series)[name] for name in dict.fromkeys(wanted)])
+    unwanted = {"gap" if gap_is_set and "load" in there else "load"}
+    left = [] if panels else [name for name in there if SHOWN_BY.get(name) in there and name not in unwanted]
+    if len(run.population_names) > 1 and "groups" in left:
+        left.remove("groups")
+    wanted = panels or [name for name in there if name not in unwanted and name not in left]
+    note = f"More panels, by name only: {', '.join(left)}." if left else ""
+    return _compose(data, [(PANELS | series)[name] for name in dict.fromkeys(wanted)], note)
 
 
 def headline(data: RunData) -> list[str]:
@@ -98,9 +109,10 @@ def _circumstances(data: RunData) -> list[str]:
     return result
 
 
-def _compose(data: RunData, panels: list[Panel]) -> Figure:
+def _compose(data: RunData, panels: list[Panel], note: str) -> Figure:
     title = textwrap.wrap(str(data.run.header.get("title") or data.run.path.parent.name), LETTERS_OF_TITLE)
-    head, notes = headline(data), [line for panel in panels for line in textwrap.wrap(panel.note, LETTERS_OF_NOTE)]
+    head, texts = headline(data), [*(panel.note for panel in panels), note]
+    notes = [line for text in texts for line in textwrap.wrap(text, LETTERS_OF_NOTE)]
     top, foot = TITLE_LINE * len(title) + LINE * len(head) + 0.1, NOTE_LINE * len(notes) + 0.05
     wide, half = [panel for panel in panels if not panel.half], [panel for panel in panels if panel.half]
     parts = [sum(panel.height for panel in wide), sum(panel.height for panel in half[::2])]

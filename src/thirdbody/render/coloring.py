@@ -11,7 +11,7 @@ import numpy as np
 
 from thirdbody.errors import InputError, nearest
 from thirdbody.palette import category_colors, field_colors, rgb, state_colors
-from thirdbody.trajectory.names import ARRAY_UNITS
+from thirdbody.trajectory.names import ARRAY_UNITS, CLUMPS, CONTACTS, SPHERES
 from thirdbody.trajectory.read_blocks import rows_of
 from thirdbody.trajectory.run_file import RunFile
 from thirdbody.trajectory.states import code_name
@@ -30,7 +30,7 @@ NUMBERED = ("population", "material")
 class Legend:
     """States with their colours and counts, and (when `limits` is set) the limits of a colour scale in `unit`.
 
-    `codes` are those of the entries, `total` is the sum of the counts.
+    `codes` are those of the entries, `total` is the sum of the counts, `caption` explains the words.
     """
 
     title: str = ""
@@ -39,6 +39,7 @@ class Legend:
     unit: str = ""
     codes: tuple[int, ...] = ()
     total: int = 0
+    caption: str = ""
 
     def __or__(self, other: Legend) -> Legend:
         """Return what two frames of a film have in common: the limits of the colour scale, the codes."""
@@ -97,8 +98,17 @@ def compute_coloring(
         finite = np.concatenate([finite, tubes[np.isfinite(tubes)]])
     limits = scale.limits or ((float(finite.min()), float(finite.max())) if len(finite) else (0.0, 0.0))
     unit = ARRAY_UNITS.get(color) or ARRAY_UNITS.get(vector) or run.header["units"].get(color, "")
-    legend = Legend(color.replace("_", " "), limits=limits, unit=unit.replace("1", ""))
+    title, meaning = color.replace("_", " "), _meaning(run, vector, name in contacts and name not in bodies | spheres)
+    caption = f"{title}: {meaning}" if meaning else ""
+    legend = Legend(title, limits=limits, unit=unit.replace("1", ""), caption=caption)
     return scale_colors(values, legend), legend, None if tubes is None else scale_colors(tubes, legend)
+
+
+def _meaning(run: RunFile, name: str, of_contact: bool) -> str:
+    """Return what an array means, in words that follow its name; empty where nothing tells it."""
+    named = {key: entry.meaning for key, entry in (CONTACTS if of_contact else SPHERES | CLUMPS).items()}
+    text = (named | run.header.get("meanings", {})).get(name, "").partition(", (")[0].rstrip(".")
+    return text[:1].lower() + text[1:] + ", the largest of its contacts" * (of_contact and bool(text))
 
 
 def _categories(
@@ -117,8 +127,11 @@ def _categories(
     words = [f"{names[code].replace('_', ' ')}  {counts[code]}  ({100.0 * counts[code] / total:.0f} %)" for code in shown]
     entries = tuple((text, colors[code]) for text, code in zip(words, shown, strict=True))
     title = {"state": "", "state_reason": "reason"}.get(name, name.replace("_", " "))
+    meanings = run.header.get("meanings", {}) if name in ("state", "state_reason") else {}
+    caption = "; ".join(f"{names[code].replace('_', ' ')}: {meanings[names[code]]}" for code in shown if names[code] in meanings)
+    legend = Legend(title, entries, codes=tuple(shown), total=total, caption=caption)
     palette = np.array([rgb(color) for color in colors], np.uint8)
-    return palette[codes[row].astype(np.int64)], Legend(title, entries, codes=tuple(shown), total=total), None
+    return palette[codes[row].astype(np.int64)], legend, None
 
 
 def _length(values: np.ndarray) -> np.ndarray:

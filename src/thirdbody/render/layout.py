@@ -5,13 +5,14 @@ Runs in a separate process (`elsewhere`): VTK may crash where it cannot draw.
 
 import math
 import re
+import textwrap
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 
-from thirdbody.palette import INK, PANEL, SOFT_INK, field_colors, rgb
+from thirdbody.palette import FORCE_COLORS, INK, PANEL, SOFT_INK, field_colors, mixed, rgb
 from thirdbody.render.canvas import Canvas, Overlay, Rectangle, rectangle
 from thirdbody.render.coloring import Legend
 from thirdbody.render.picture_data import PictureData, Window
@@ -22,12 +23,14 @@ _HEADING = 118.0  # height of title and facts in a picture 900 pixels high
 _SCALE_LABEL = 36.0  # height of the label below a scale bar in such a picture
 # Of the legend: height of its lowest row, its distance to the left edge, space between its items.
 _LOWEST, _LEFT, _SPACE = 48.0, 32.0, 48.0
+_CAPTION = 20  # height of the letters of its caption
 _STRIPS = 128
 
 # Camera position for the whole, for the whole next to a close-up, and for a close-up; all from the front left.
 _ALONE, _BESIDE, _CLOSE = (-0.42, -0.85, 0.5), (-0.42, -0.80, 0.80), (-0.40, -0.85, 0.60)
 _CLOSE_UP_BODIES = 60  # number of bodies, about, that can be distinguished in a close-up
-_WITHOUT_CLOSE_UP = 150  # up to this number of bodies the view of the whole is close enough
+_WITHOUT_CLOSE_UP = 150  # up to this number of bodies the view of the whole is close enough, but for a thin layer from the side
+_SLICE_BODIES = 15  # number of bodies, at least about, in a slice that is seen from the side
 _WIDEST_SLICE = 0.8  # a slice wider than this fraction of the domain, as one of a deep bed, would show the whole again
 
 
@@ -77,13 +80,13 @@ def compute_layout(frames: Iterable[PictureData], view: str, zoom: float | None)
 def close_up_window(data: PictureData, view: str = "iso") -> Window | None:
     """Return the part to enlarge, where states mix most; None for few bodies.
 
-    About 60 bodies; from the side or the front a dozen along the view and few deep, and None for a bed so deep that this would be
-    nearly the whole.
+    About 60 bodies; from the side or the front ten times as wide as high and few bodies deep, and None for a bed so high that
+    this would be nearly the whole.
     """
-    count, extent = len(data.bodies), data.high - data.low
-    if count <= _WITHOUT_CLOSE_UP:
+    count, extent, flat = len(data.bodies), data.high - data.low, view in ("side", "front")
+    if count <= _WITHOUT_CLOSE_UP and not flat:
         return None
-    if view not in ("side", "front"):
+    if not flat:
         side = math.sqrt(_CLOSE_UP_BODIES / count * extent[0] * extent[1])
         # Deeper than wide: seen at an angle it then fills a square panel.
         half, counts = np.minimum(0.5 * side * np.array([0.85, 1.0 / 0.85]), 0.5 * extent[:2]), (9, 7)
@@ -91,7 +94,8 @@ def close_up_window(data: PictureData, view: str = "iso") -> Window | None:
         along = 0 if view == "side" else 1
         half, counts = np.empty(2), (12, 12)
         half[along] = min(5.0 * extent[2], 0.5 * extent[along])
-        half[1 - along] = min(1.2 * extent[2], 0.5 * extent[1 - along])
+        depth = 0.25 * _SLICE_BODIES / count * extent[0] * extent[1] / half[along]
+        half[1 - along] = min(max(1.2 * extent[2], depth), 0.5 * extent[1 - along])
         if 2.0 * half[along] > _WIDEST_SLICE * extent[along]:
             return None
     ends = zip(data.low[:2] + half, data.high[:2] - half, counts, strict=True)
@@ -135,7 +139,8 @@ def draw_picture(canvas: Canvas, layout: Layout, data: PictureData) -> None:
 
 def draw_frame(overlay: Overlay, data: PictureData, legend: Legend, full_scale: float = 0.0) -> tuple[float, float]:
     """Draw title, facts and legend; return the fractions of the picture's height between which there is room for views."""
-    foot = draw_legend(overlay, legend, full_scale)
+    by_force = data.tubes is None or data.tubes.colors is None
+    foot = draw_legend(overlay, legend, full_scale, FORCE_COLORS if by_force else (INK, INK))
     left, (wide, tall) = overlay.px(32), overlay.size
     if data.title:
         overlay.text(data.title, left, tall - overlay.px(40), 36, bold=True, fit=wide - 2.0 * left)
@@ -151,7 +156,7 @@ def _viewports(layout: Layout, size: tuple[int, int], foot: float, head: float, 
         return [(0.01, foot, 0.99, head)]
     if not flat and size[0] >= 1.25 * size[1]:
         return [(0.01, foot, 0.56, head), (0.565, foot + 0.005, 0.985, head)]
-    part, margin = (0.66, 0.035) if flat else (0.5, 0.0)
+    part, margin = (0.56, 0.035) if flat else (0.5, 0.0)
     cut = foot + part * (head - foot)
     return [(0.01, cut + label / size[1], 0.99, head - margin), (0.015, foot + 0.005, 0.985, cut - 0.01)]
 
@@ -185,23 +190,29 @@ def _add_panel(canvas: Canvas, overlay: Overlay, area: Rectangle, heading: str) 
 _Item = tuple[float, Callable[[float, float], None]]  # width of an item of the legend, and its drawing at a position
 
 
-def draw_legend(overlay: Overlay, legend: Legend, full_scale: float = 0.0) -> float:
-    """Draw along the lower edge states and their colours or a colour scale, and the key of the forces.
+def draw_legend(overlay: Overlay, legend: Legend, full_scale: float = 0.0, tubes: tuple[str, str] = FORCE_COLORS) -> float:
+    """Draw along the lower edge states and their colours or a colour scale, the key of the forces, and the caption.
 
-    `full_scale` [N] is the force of the thickest tube, 0 without tubes. Return its height, including its distance to the edge
-    [pixels].
+    `full_scale` [N] is the force of the thickest tube, 0 without tubes, `tubes` their colours from 0 to it. Return the height,
+    including the distance to the edge [pixels].
     """
-    rows = _rows(overlay, legend, full_scale)
+    rows, width = _rows(overlay, legend, full_scale, tubes), overlay.size[0] - 2.0 * overlay.px(_LEFT)
+    letters = int(width / max(overlay.width_of(legend.caption or " ", _CAPTION), 1.0) * len(legend.caption))
+    lines = textwrap.wrap(legend.caption, max(letters, 20))[::-1]
+    line = 1.3 * overlay.text_height(_CAPTION)
+    for number, words in enumerate(lines):
+        overlay.text(words, overlay.px(_LEFT), overlay.px(12) + (number + 0.5) * line, _CAPTION, SOFT_INK)
     pitch = 44.0 if legend.limits is None else 62.0  # a colour scale has numbers below it
+    lowest = overlay.px(_LOWEST + (pitch - 44.0) * bool(lines)) + len(lines) * line
     for number, row in enumerate(reversed(rows)):
-        x, y = overlay.px(_LEFT), overlay.px(_LOWEST + pitch * number)
+        x, y = overlay.px(_LEFT), lowest + overlay.px(pitch * number)
         for wide, draw in row:
             draw(x, y)
             x += wide + overlay.px(_SPACE)
-    return overlay.px(_LOWEST + pitch * (len(rows) - 1) + 44.0)
+    return lowest + overlay.px(pitch * (len(rows) - 1) + 44.0)
 
 
-def _rows(overlay: Overlay, legend: Legend, full_scale: float) -> list[list[_Item]]:
+def _rows(overlay: Overlay, legend: Legend, full_scale: float, tubes: tuple[str, str]) -> list[list[_Item]]:
     items: list[_Item] = []
     if legend.limits is not None:
         items.append(_scale(overlay, legend, 0.32 * overlay.size[0]))
@@ -209,7 +220,7 @@ def _rows(overlay: Overlay, legend: Legend, full_scale: float) -> list[list[_Ite
         items.append((overlay.width_of(legend.title, 28), lambda x, y: overlay.text(legend.title, x, y, 28)))
     items += [_state(overlay, words, color, legend.total) for words, color in legend.entries]
     if full_scale > 0.0:
-        items.append(_force_key(overlay, full_scale))
+        items.append(_force_key(overlay, full_scale, tubes))
     rows: list[list[_Item]] = [[]]
     left = width = overlay.size[0] - 2.0 * overlay.px(_LEFT)
     for item in items:
@@ -250,15 +261,17 @@ def _scale(overlay: Overlay, legend: Legend, wide: float) -> _Item:
     return before + wide, draw
 
 
-def _force_key(overlay: Overlay, full_scale: float) -> _Item:
-    """Return a wedge from zero to the largest force: in perspective no single thickness could be shown."""
-    words, largest = "contact force  0", with_unit(full_scale, "N")
+def _force_key(overlay: Overlay, full_scale: float, colors: tuple[str, str]) -> _Item:
+    """Return a wedge from zero to the force of the thickest tube: in perspective no single thickness could be shown."""
+    words, largest = "contact force  0", f"{with_unit(full_scale, 'N')} or more"
     before, wedge = overlay.width_of(words, 28) + overlay.px(14), overlay.px(120)
 
     def draw(x: float, y: float) -> None:
         overlay.text(words, x, y, 28)
-        a, b, tall = x + before, x + before + wedge, overlay.px(10)
-        overlay.polygon(np.array([[a, y], [b, y - tall], [b, y + tall]]), INK)
-        overlay.text(largest, b + overlay.px(14), y, 28)
+        edges, tall = np.linspace(0.0, 1.0, 25), overlay.px(10)
+        corners = [[(x + before + f * wedge, y + f * side * tall) for f, side in ((a, -1), (b, -1), (b, 1), (a, 1))]
+                   for a, b in zip(edges, edges[1:], strict=False)]  # fmt: skip
+        overlay.pane.add_polygons(np.array(corners), mixed(colors, edges[1:]))
+        overlay.text(largest, x + before + wedge + overlay.px(14), y, 28)
 
     return before + wedge + overlay.px(14) + overlay.width_of(largest, 28), draw

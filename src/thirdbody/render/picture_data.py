@@ -10,33 +10,32 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from thirdbody.errors import InputError
-from thirdbody.palette import SOFT_INK, STATE_COLORS, pale, rgb
+from thirdbody.palette import SOFT_INK, STATE_COLORS, pale
 from thirdbody.render.coloring import Arrays, Legend, compute_coloring
 from thirdbody.render.surfaces import SMALLEST_CONTACT, PlateSurface, Touching, read_plate_surfaces, read_touching
 from thirdbody.trajectory.read_blocks import rows_of
 from thirdbody.trajectory.run_file import RunFile
 from thirdbody.trajectory.sampling import ELSEWHERE
 from thirdbody.trajectory.states import code_name
-from thirdbody.units import quantity_text, with_unit
+from thirdbody.units import with_unit
 
 Window = tuple[np.ndarray, np.ndarray]  # lowest and highest corner (2,) of a part of the domain [m]
 MAX_COORDINATE = 1e6  # largest coordinate, or radius, of any drawn object [m]
 FREE_SCALE = Legend()  # scale of a single picture: its colour scale follows from its frame
-# Colour of tubes (darker ones show no roundness), and the percentage of forces that are thinner than the thickest tube.
-TUBE, COMMON = "#3C424B", 99.0
+COMMON = 99.0  # percentage of forces that are thinner than the thickest tube
 
 
 @dataclass(frozen=True)
 class Tubes:
-    """Segments `start`, `end` (T, 3) [m] with `force` (T,) [N] and `colors` (T, 3); `body` (T,) is the row of its body.
+    """Segments `start`, `end` (T, 3) [m] with `force` (T,) [N]; `body` (T,) is the row of its body.
 
-    `full_scale` is the force of the thickest tube; few larger ones are drawn no thicker.
+    `colors` (T, 3), or None: by the force. `full_scale` is that of the thickest tube; few larger ones are drawn no thicker.
     """
 
     start: np.ndarray
     end: np.ndarray
     force: np.ndarray
-    colors: np.ndarray
+    colors: np.ndarray | None
     body: np.ndarray
     full_scale: float
 
@@ -112,6 +111,10 @@ def read_picture_data(run: RunFile, frame: int, color: str, forces: bool = False
         shift[:, :2] = np.floor(bodies["position"][:, :2] / period) * period
     colors, legend, tube_colors = compute_coloring(run, frame, color, bodies, spheres, row, scale)
     surfaces, touching = read_plate_surfaces(run, frame), None
+    if surfaces:
+        ends = (f"{side} plate {with_unit(one.low, 'm')} to {with_unit(one.high, 'm')}" for side, one in surfaces.items())
+        captions = legend.caption, f"heights, dark to light: {', '.join(ends)}"
+        legend = replace(legend, caption="; ".join(filter(None, captions)))
     if "lower" in surfaces:
         smallest = SMALLEST_CONTACT * float(np.mean(spheres["radius"])) if len(row) else 0.0
         touching = read_touching(run, frame, bodies, shift, surfaces["lower"], smallest)
@@ -215,9 +218,6 @@ def _facts(run: RunFile, frame: int, count: int) -> str:
         facts.append(f"friction coefficient {run.friction.short_text}")
     of = f" of {run.scene_bodies}" if count < run.scene_bodies else ""
     facts.append(f"{count}{of} particle{'s' if count != 1 else ''}")
-    if surface := run.surface("lower"):
-        low, high = (quantity_text(float(z), "m") for z in (surface.heights.min(), surface.heights.max()))
-        facts.append(f"lower plate {low} to {high}, dark to light")
     return "   ·   ".join(facts)
 
 
@@ -226,14 +226,12 @@ def force_tubes(
 ) -> Tubes:
     """Return the tubes of one frame: centre of a body, contact point and, for two bodies, the other centre.
 
-    `shift` (B, 3) is subtracted to wrap bodies, `period` (2,) the periodic domain or None; without `colors` of the contacts
-    (C, 3) tubes are dark. Raises InputError without forces.
+    `shift` (B, 3) is subtracted to wrap bodies, `period` (2,) the periodic domain or None; `colors` (C, 3) are those of
+    the contacts. Raises InputError without forces.
     """
     if "force" not in contacts or "body" not in contacts:
         raise InputError("forces: this run recorded no forces of its contacts")
     force = np.linalg.norm(contacts["force"], axis=1)
-    if colors is None:
-        colors = np.tile(np.array(rgb(TUBE), np.uint8), (len(force), 1))
     own = rows_of(bodies, contacts["body"])
     middle = bodies["position"] - shift
     point = nearest_image(contacts["position"] - shift[own] - middle[own], period) + middle[own]
@@ -244,7 +242,7 @@ def force_tubes(
         start=np.concatenate([middle[own], point[pair]]),
         end=np.concatenate([point, end]),
         force=np.concatenate([force, force[pair]]),
-        colors=np.concatenate([colors, colors[pair]]),
+        colors=None if colors is None else np.concatenate([colors, colors[pair]]),
         body=np.concatenate([own, own[pair]]),
         full_scale=float(np.percentile(force, COMMON)) if len(force) else 0.0,
     )

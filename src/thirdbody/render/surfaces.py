@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from thirdbody.errors import InputError, nearest
-from thirdbody.palette import rgb
+from thirdbody.palette import mixed
 from thirdbody.plot.figures import save
 from thirdbody.trajectory.names import LOWER_PLATE, PLATES
 from thirdbody.trajectory.read_blocks import rows_of
 from thirdbody.trajectory.run_file import RunFile
 from thirdbody.trajectory.summary import NO_MAPS, maps_of_cycles
-from thirdbody.units import prefix_for, with_unit
+from thirdbody.units import prefix_for, quantity_text, with_unit
 
 if TYPE_CHECKING:
     import pyvista
 
 # Colours of the lowest and highest points: greys, so that the colours of states stand out.
-LOWEST, HIGHEST = "#47536A", "#FFFDF7"
+HEIGHTS = ("#47536A", "#FFFDF7")
 FINEST = 700  # largest number of points along the longer side of a mesh
 SHADE = 0.30  # fraction of black under a sphere
 # Colour of contacts on a rough plate, and the smallest radius at which they are drawn, over the mean radius of spheres.
@@ -71,9 +71,8 @@ class PlateSurface:
         return along, (self.heights(x, y + b) - self.heights(x, y - b)) / (2.0 * b)
 
     def colors(self, heights: np.ndarray) -> np.ndarray:
-        """Return colours (..., 3), 0 to 255, of heights."""
-        fraction = np.clip((heights - self.low) / max(self.high - self.low, 1e-300), 0.0, 1.0)[..., None]
-        return (1.0 - fraction) * np.array(rgb(LOWEST)) + fraction * np.array(rgb(HIGHEST))
+        """Return colours (..., 3) uint8 of heights."""
+        return mixed(HEIGHTS, (heights - self.low) / max(self.high - self.low, 1e-300))
 
 
 def read_plate_surfaces(run: RunFile, frame: int) -> dict[str, PlateSurface]:
@@ -155,7 +154,7 @@ def draw_plate_map(run: RunFile, file: Path, options: Any) -> Path:
 
     # `state`, the default, is no map
     name = next(iter(run.map_units)) if options.color == "state" and run.map_units else options.color
-    values, words = plate_map(run, options.plate, name, options.frame, options.cycles)
+    values, title = plate_map(run, options.plate, name, options.frame, options.cycles)
     size, (wide, tall) = run.header["domain"]["size"], options.size
     figure = Figure(figsize=(wide / DOTS, tall / DOTS), dpi=DOTS, layout="constrained")
     axes = figure.add_subplot()
@@ -168,13 +167,16 @@ def draw_plate_map(run: RunFile, file: Path, options: Any) -> Path:
         values * scale, origin="lower", extent=extent, cmap=ListedColormap(colors), vmin=0.0, interpolation="nearest"
     )
     figure.colorbar(image, ax=axes, label=f"{name.replace('_', ' ')} [{unit}]", shrink=0.9)
-    axes.set(xlabel="x of the plate [µm]", ylabel="y of the plate [µm]", title=f"{options.plate} plate, {words}")
+    axes.set(xlabel="x of the plate [µm]", ylabel="y of the plate [µm]", title=title)
     save(figure, file, DOTS)
     return file
 
 
 def plate_map(run: RunFile, plate: str, name: str, frame: int | None, cycles: float | None) -> tuple[np.ndarray, str]:
-    """Return a map (n_y, n_x) and what it shows. Raises InputError for a plate, map or cycles that the run does not have."""
+    """Return a map (n_y, n_x) and what it shows, with its mean and largest value.
+
+    Raises InputError for a plate, map or cycles that the run does not have.
+    """
     if plate not in PLATES:
         raise InputError(f"plate: no plate '{plate}'; {nearest(plate, PLATES)}")
     if not run.map_units:
@@ -183,6 +185,10 @@ def plate_map(run: RunFile, plate: str, name: str, frame: int | None, cycles: fl
         raise InputError(f"color: no map '{name}'; {nearest(name, run.map_units)}")
     if cycles is None:
         number = run.frame_number(-1 if frame is None else frame)
-        return run.maps(plate, number)[name], f"after {with_unit(run.times[number], 's')}"
-    values = maps_of_cycles(run.drag, plate, cycles)[name]
-    return values, f"{cycles:g} cycles by the rate of cycles 2 to {len(run.cycles['end_time'])}"
+        values, words = run.maps(plate, number)[name], f"after {with_unit(run.times[number], 's')}"
+    else:
+        values = maps_of_cycles(run.drag, plate, cycles)[name]
+        words = f"{cycles:g} cycles by the rate of cycles 2 to {len(run.cycles['end_time'])}"
+    covered = values[values > 0.0] if values.any() else values
+    mean, largest = (quantity_text(float(of(covered)), run.map_units[name]) for of in (np.mean, np.max))
+    return values, f"{plate} plate, {words}\nmean {mean} where there is any, largest {largest}"

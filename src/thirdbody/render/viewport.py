@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pyvista
 
-from thirdbody.palette import INK, pale
+from thirdbody.palette import FORCE_COLORS, INK, mixed, pale
 from thirdbody.render.canvas import OVERSAMPLING, WIDTH, Canvas, Rectangle
 from thirdbody.render.picture_data import PictureData
 from thirdbody.render.surfaces import CONTACT, skirt, window_mesh
@@ -13,6 +13,7 @@ from thirdbody.units import round_length, with_unit
 
 _PLATE, _PLATE_EDGES = "#DDE1E6", "#8A929C"
 _GLASS, _GLASS_EDGES = "#9DB9DD", "#4F74A8"
+_ROUGH_GLASS = 0.35  # opacity of an upper plate that is rough: its heights must be seen, and the bodies below it
 _SHADOW = "#A9B0BA"
 ARROW = "#B0303C"
 
@@ -21,7 +22,8 @@ _DIRECTIONS = {"side": (0.0, -1.0, 0.0), "front": (1.0, 0.0, 0.0), "top": (0.0, 
 _ALONG = 0.9  # cosine above which an arrow points along the line of sight
 # Fraction of white in bodies through which tubes are seen: for states, and for numbers, which must stay readable.
 _PALE, _PALE_NUMBERS = 0.45, 0.2
-THICKEST, _SIDES = 0.17, 8  # radius of the thickest tube over the mean radius of the bodies, and the number of its sides
+# Radius of the thickest tube over the mean radius of the bodies, of the thinnest that is drawn over it, and the number of sides.
+_THICKEST, _THINNEST, _SIDES = 0.17, 0.05, 8
 SMALLEST_DRAWN = 0.7  # mean diameter of the spheres in pixels below which their mean colours are drawn instead
 _ANGLE = 24.0  # vertical angle of view [degrees]
 
@@ -126,15 +128,15 @@ class Viewport:
         walls = skirt(mesh, back)
         self._corners += [np.array([x, y, back]) for x in (self._low[0], self._high[0]) for y in (self._low[1], self._high[1])]
         self._bottom = min(self._bottom, back)
-        if side == "lower":
-            flat = pyvista.PolyData(mesh.points, faces=mesh.cast_to_unstructured_grid().cells)
-            smooth = flat.compute_normals(cell_normals=False)
-            smooth["color"] = mesh["color"]
-            self._outer.add(smooth, scalars="color", rgb=True, ambient=0.5, diffuse=0.55)
-            self._outer.add(walls, color=_PLATE, ambient=0.55, diffuse=0.45)
-        else:
-            for part in (mesh, walls):
-                self._outer.add(part, color=_GLASS, opacity=0.16, ambient=0.55, diffuse=0.45)
+        flat = pyvista.PolyData(mesh.points, faces=mesh.cast_to_unstructured_grid().cells)
+        smooth = flat.compute_normals(cell_normals=False)
+        smooth["color"] = mesh["color"]
+        glass, color = (1.0, _PLATE) if side == "lower" else (_ROUGH_GLASS, _GLASS)
+        self._outer.add(smooth, scalars="color", rgb=True, opacity=glass, ambient=0.5, diffuse=0.55)
+        self._outer.add(walls, color=color, opacity=glass, ambient=0.55, diffuse=0.45)
+        if side == "upper":
+            for rim in np.split(np.asarray(walls.points), 2):  # of the surface, and of its back
+                self._add_line(np.vstack([rim, rim[:1]]), 1.4, _GLASS_EDGES)
 
     def _add_contacts(self, low: np.ndarray, high: np.ndarray) -> None:
         """Draw the contacts with the rough lower plate, of bodies in a window, as discs along its surface."""
@@ -160,16 +162,17 @@ class Viewport:
         if tubes is None or full_scale <= 0.0:
             return
         # Bodies are about as large as twice their spheres.
-        thickest = THICKEST * 2.0 * float(np.mean(self._data.radii)) * self.scale
+        thickest = _THICKEST * 2.0 * float(np.mean(self._data.radii)) * self.scale
         radii = thickest * np.minimum(tubes.force / full_scale, 1.0)
-        visible = self._data.bodies_inside(low, high)[tubes.body] & (radii > 0.02 * thickest)
+        visible = self._data.bodies_inside(low, high)[tubes.body] & (radii > _THINNEST * thickest)
         if not visible.any():
             return
         ends = np.stack([self.scaled(tubes.start[visible]), self.scaled(tubes.end[visible])], axis=1)
         points: Any = ends.reshape(-1, 3).astype(np.float32)
         mesh = pyvista.line_segments_from_points(points)
         mesh["radius"] = np.repeat(np.float32(radii[visible]), 2)
-        mesh["color"] = np.repeat(tubes.colors[visible], 2, axis=0)
+        colors = mixed(FORCE_COLORS, tubes.force / full_scale) if tubes.colors is None else tubes.colors
+        mesh["color"] = np.repeat(colors[visible], 2, axis=0)
         tube = mesh.tube(scalars="radius", absolute=True, n_sides=_SIDES)
         self.inner.add(tube, scalars="color", rgb=True, ambient=0.35, diffuse=0.75)
 
@@ -218,8 +221,8 @@ class Viewport:
         corners = np.array([(a, b), (c, b), (c, d), (a, d), (a, b)])
         self._add_line(np.insert(corners, 2, self._ceiling + self._thickness, axis=1), 2.6)
 
-    def _add_line(self, points: np.ndarray, width: float) -> None:
-        self._outer.add(pyvista.MultipleLines(points), color=INK, lighting=False, line_width=width * self._line_unit)
+    def _add_line(self, points: np.ndarray, width: float, color: str = INK) -> None:
+        self._outer.add(pyvista.MultipleLines(points), color=color, lighting=False, line_width=width * self._line_unit)
 
     def add_scale_bar(self) -> tuple[np.ndarray, str]:
         """Draw a bar of a round length before the lower plate, or below it; return the position and text of its label.

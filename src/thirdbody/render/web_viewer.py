@@ -23,7 +23,7 @@ from thirdbody.atomic_files import write_output
 from thirdbody.palette import FIELD_STOPS, rgb, state_colors
 from thirdbody.render.coloring import Legend
 from thirdbody.render.picture_data import PictureData, read_picture_data
-from thirdbody.render.surfaces import CONTACT, HIGHEST, LOWEST, PlateSurface
+from thirdbody.render.surfaces import CONTACT, HEIGHTS, PlateSurface
 from thirdbody.rotations import to_body
 from thirdbody.trajectory.open_file import damage_as_fault
 from thirdbody.trajectory.run_file import RunFile
@@ -172,7 +172,7 @@ def _plates(run: RunFile, numbers: Sequence[int], pictures: Pictures) -> dict[st
         "surfaces": {side: _relief(surface, axes.scale) for side, surface in first.surfaces.items()},
         # x, y, radius, the contacts of one frame after those of another
         "contacts": _steps(np.concatenate(contacts)) | {"count": list(map(len, contacts))} if some else None,
-        "marks": {"low": rgb(LOWEST), "high": rgb(HIGHEST), "contact": rgb(CONTACT)},
+        "marks": {"low": rgb(HEIGHTS[0]), "high": rgb(HEIGHTS[1]), "contact": rgb(CONTACT)},
     }
 
 
@@ -239,11 +239,12 @@ def _packed(values: np.ndarray, kind: str) -> str:
 
 
 def _legend(legend: Legend) -> str:
+    caption = f"<small>{html.escape(legend.caption)}</small>" if legend.caption else ""
     if legend.limits is None:
         entry = '<span class="entry"><i style="background:{}"></i>{}</span>'
         entries = [entry.format(color, html.escape(words)) for words, color in legend.entries]
-        return "".join([f"<b>{html.escape(legend.title)}</b>" if legend.title else "", *entries])
+        return "".join([f"<b>{html.escape(legend.title)}</b>" if legend.title else "", *entries, caption])
     title, ticks = legend.scale()
     marks = "".join(f'<span style="left:{100.0 * left:.2f}%">{number}</span>' for left, number in ticks)
     bar = f'<div class="bar" style="background:linear-gradient(90deg,{",".join(FIELD_STOPS)})"></div>'
-    return f'<b>{html.escape(title)}</b><div class="scale">{bar}{marks}</div>'
+    return f'<b>{html.escape(title)}</b><div class="scale">{bar}{marks}</div>{caption}'

@@ -132,6 +132,7 @@ def _plate(built: Simulation) -> dict[str, Any] | None:
         "free": upper.free if founded is None else founded.free,
         "mass": float(upper.mass.mean()),
         "damping": float(upper.damping.mean()),
+        "dashpot_over_load": float(upper.damping.max()) * upper.schedule.top_speed() / load if load and founded is None else None,
         "gap": float(upper.heights.mean()),
         "moves": upper.schedule.moves,
         "largest_load": upper.schedule.largest_load() * float(upper.table()[:, patch.NOMINAL_LOAD].max()),
@@ -267,9 +268,10 @@ def _print_plate(report: dict[str, Any]) -> None:
         load += f" and {pretty(plate['preload'], 'force')} of preload on each patch ({pretty(total, 'force')} more in all)"
     carried = f", carried by {plate['loaded_at_once']} of {report['bodies']} bodies at once" if plate["loaded_at_once"] else ""
     each = " on each" if plate["support"] == "load_per_particle" else ""
+    dashpots = f" ({plate['dashpot_over_load']:.2g} of the load at the drag speed)" if plate["dashpot_over_load"] else ""
     print(
         f"upper plate: {plate['support']}, {plate['patches']} patch(es), {load}{each}{carried}, "
-        f"mass {plate['mass']:.3g} kg, damping {plate['damping']:.3g} kg/s, mean gap {pretty(plate['gap'], 'length')}"
+        f"mass {plate['mass']:.3g} kg, damping {plate['damping']:.3g} kg/s{dashpots}, mean gap {pretty(plate['gap'], 'length')}"
     )
     if direct := plate["direct_contact"]:
         pressure, length = pretty(direct["pressure_at_zero_gap"], "pressure"), pretty(direct["u0"], "length")

@@ -22,7 +22,7 @@ from thirdbody.rotations import matrix_from_quaternion
 from thirdbody.scene.keys import table_keys
 from thirdbody.scene.model import Scene
 from thirdbody.system.terminal import print_line
-from thirdbody.units import parse, pretty, with_unit
+from thirdbody.units import parse_unit, pretty, with_unit
 
 if TYPE_CHECKING:
     from thirdbody.bodies.clump import Clump
@@ -68,9 +68,9 @@ def populations(scene: Scene) -> list[Population]:
 def mesh_population(path: Path, unit: str | None, spheres: int | None, seed: int | None) -> Population:
     """Return one body that follows a mesh file, of unit density. Raises UsageError for the unit, InputError for the mesh."""
     if unit is None:
-        raise UsageError(f"{path}: a mesh file carries no unit: give one, such as --unit '1 um'")
+        raise UsageError(f"{path}: a mesh file carries no unit: give one, such as --unit um")
     try:
-        length = parse(f"1 {unit}" if unit.isalpha() else unit, "length")
+        length = parse_unit(unit)
     except ValueError as error:
         raise UsageError(f"--unit: {error}") from None
     mesh = load_mesh(path, length)

@@ -217,12 +217,15 @@ def run_header(simulation: Simulation) -> dict[str, Any]:
         units |= {f"fraction_{name}": "1" for name in labeller.states} | {f"count_{name}": "1" for name in labeller.reasons}
     measures = simulation.state.physics.measures
     units |= measures.layout.units() if measures else {}
+    meanings = labeller.meanings() if labeller else {}
+    meanings |= {column.name: column.doc for column in measures.layout.bodies} if measures else {}
     return {
         "scene_text": simulation.requested.to_toml(),
         "title": scene.title,
         "state_names": list(labeller.states) if labeller else ["unlabelled"],
         "reason_names": list(labeller.reasons) if labeller else ["none"],
         "units": units,
+        "meanings": meanings,
         "domain": {"size": list(scene.domain.size), "periodic": scene.domain.periodic},
         "materials": list(scene.materials),
         "populations": scene.population_names,

@@ -9,7 +9,18 @@ from typing import Annotated, Literal
 from pydantic import WrapValidator
 
 from thirdbody import units
-from thirdbody.schema.fields import Angle, Flag, PositiveLength, Quantity, Seed, ShortForm, Text, TwoLengths, TwoPositiveLengths
+from thirdbody.schema.fields import (
+    Angle,
+    Flag,
+    PositiveLength,
+    Quantity,
+    Seed,
+    ShortForm,
+    Text,
+    TwoLengths,
+    TwoPositiveLengths,
+    Unit,
+)
 from thirdbody.schema.parts import Part, Wrong, one_or_more, table_by_leading_key
 from thirdbody.surfaces import grid
 from thirdbody.surfaces.scan import TEXTS
@@ -134,8 +145,8 @@ class SurfaceFile(Part):
 
     file: Text
     """NPZ, X3P, CSV or TXT file, relative to the scene. Example: "scan.npz"."""
-    unit: PositiveLength | None = None
-    """Unit of the heights, for CSV and TXT. Example: "1 um"."""
+    unit: Unit | None = None
+    """Unit of the heights, for CSV and TXT. Example: "um"."""
     spacing: TwoPositiveLengths | None = None
     """Distance of the points along x and y, for CSV and TXT. Example: ["0.5 um", "0.5 um"]."""
     level: Literal["mean", "plane", "curved"] | None = None
@@ -158,7 +169,7 @@ class SurfaceFile(Part):
         text = self.file.lower().endswith(TEXTS)
         faults: list[Wrong] = [
             ((key,), f"missing, such as {example}: text names none" if text else "of CSV and TXT files only: others name it")
-            for key, example in (("unit", '"1 um"'), ("spacing", '["0.5 um", "0.5 um"]')) if (getattr(self, key) is None) is text
+            for key, example in (("unit", '"um"'), ("spacing", '["0.5 um", "0.5 um"]')) if (getattr(self, key) is None) is text
         ]  # fmt: skip
         if self.join == "periodic" and self.crop is not None:
             faults.append((("crop",), 'a part of a map that is periodic is not periodic: leave it out, or join = "blend"'))

@@ -132,11 +132,12 @@ class Range:
 class Quantity(Range):
     """A float in SI of one dimension; text with a unit is converted, and written back with a unit.
 
-    `words` are accepted texts without conversion, such as "auto".
+    `words` are accepted texts without conversion, such as "auto". With `is_unit` a unit of length may be given by its name.
     """
 
     dimension: str = "dimensionless"
     words: tuple[str, ...] = ()
+    is_unit: bool = False
 
     def read(self, value: Any, info: ValidationInfo | None = None) -> float | str:
         """Return the SI float. Raises ValueError."""
@@ -144,7 +145,7 @@ class Quantity(Range):
             if value in self.words:
                 return value
             try:
-                number = units.parse(value, self.dimension)
+                number = units.parse_unit(value) if self.is_unit else units.parse(value, self.dimension)
             except ValueError as error:
                 also = "".join(f" or '{word}'" for word in self.words)
                 raise ValueError(f"{error}{also}") from None
@@ -254,6 +255,7 @@ PositiveNumber = Annotated[float, Quantity(gt=0)]
 Fraction = Annotated[float, Quantity(gt=0, le=1)]
 Length = Annotated[float, Quantity(dimension="length")]
 PositiveLength = Annotated[float, Quantity(dimension="length", gt=0)]
+Unit = Annotated[float, Quantity(dimension="length", gt=0, is_unit=True)]
 TwoLengths = Annotated[tuple[Length, Length], listing("a list of 2 lengths", 2)]
 TwoPositiveLengths = Annotated[tuple[PositiveLength, PositiveLength], listing("a list of 2 lengths", 2)]
 PositiveTime = Annotated[float, Quantity(dimension="time", gt=0)]

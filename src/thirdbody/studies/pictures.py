@@ -16,7 +16,7 @@ from thirdbody.plot.figures import check_format, save
 from thirdbody.studies.cost import Row, Study, efficient, figure_of_merit, recommended
 from thirdbody.studies.cost_report import advice, reference_error
 from thirdbody.studies.folder import Average, SweepTable, average
-from thirdbody.studies.results import EVER, FRACTION
+from thirdbody.studies.results import EVER, FRACTION, RESULTS
 from thirdbody.units import prefix_for
 
 if TYPE_CHECKING:
@@ -24,8 +24,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 CURVES = 6  # largest number of values of a second axis that are drawn as curves; more are a map
-PANEL = (4.3, 3.3)  # width and height of a panel [inch]
-PER_ROW = 3  # largest number of panels side by side
+WIDTH, ALONE = 8.0, 6.0  # width of a picture, and of one with a single panel [inch]: 8 points are 11 of 800 pixels
+HEIGHT, PER_ROW = 3.1, 2  # height of a panel [inch], and largest number of them side by side
+LINE = 0.17  # height of a line of text below the panels [inch]
 # Results that maps, and curves for several values of a second axis, show if none are named: the first three that there are.
 ONE_BY_ONE = ("friction_coefficient", "fraction_rolling", "fraction_sliding", "fraction_sticking", "fraction_ever_rolling")
 
@@ -58,15 +59,21 @@ def draw_sweep(
     listed = _panels(sweep, shown, panels)
     columns = min(len(listed), PER_ROW)
     rows = -(-len(listed) // columns)
-    figure = Figure(figsize=(PANEL[0] * columns, PANEL[1] * rows + 0.5), layout="constrained")
+    width = WIDTH if columns > 1 else ALONE
+    known = {name: RESULTS[name].meaning for _, names in listed for name in names if name in RESULTS}
+    texts = [f"{_words(name)}: {text[:1].lower()}{text[1:]}" for name, text in known.items()]
+    meanings = [line for text in texts for line in textwrap.wrap(text, int(14.0 * width))]
+    figure = Figure(figsize=(width, HEIGHT * rows + 0.5 + LINE * len(meanings)), layout="constrained")
     grid = np.atleast_1d(figure.subplots(rows, columns, squeeze=False)).ravel()
     for axes, panel in zip(grid, listed, strict=False):
         (_draw_map if is_map else _draw_curves)(axes, sweep, shown, panel)
     for axes in grid[len(listed) :]:
-        axes.set_visible(False)
+        axes.remove()
     bars = "" if is_map else "; bars: standard error"
-    mean = f"\nmean over {', '.join(shown.averaged)} ({shown.largest} points{bars})" if shown.largest > 1 else ""
-    figure.suptitle((sweep.title or str(sweep.path)) + mean, fontsize=11, color=INK)
+    mean = f"mean over {', '.join(shown.averaged)} ({shown.largest} points{bars})" if shown.largest > 1 else ""
+    figure.supxlabel("\n".join(meanings), x=0.01, ha="left", fontsize=8, color=SOFT_INK)
+    title = [line for text in (sweep.title or str(sweep.path), mean) for line in textwrap.wrap(text, int(10.0 * width))]
+    figure.suptitle("\n".join(title), fontsize=11, color=INK)
     if out is not None:
         save(figure, out)
     return figure
@@ -129,8 +136,9 @@ def _draw_curves(axes: Axes, sweep: SweepTable, shown: Average, panel: Panel) ->
     axes.grid(True, alpha=0.25, linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)
     axes.tick_params(labelsize=8)
-    if len(axes.get_legend_handles_labels()[1]) > 1:
-        axes.legend(fontsize=7.5, frameon=False)
+    labels = axes.get_legend_handles_labels()[1]
+    if len(labels) > 1 and (shown.y_key is None or axes is axes.figure.axes[0]):  # once where all panels have the same
+        axes.legend(fontsize=8, frameon=False)
 
 
 def _style(name: str, number: int, results: Sequence[str], shown: Average, sweep: SweepTable, value: Any) -> dict[str, Any]:
@@ -194,7 +202,13 @@ def _scaled(axes: Axes, which: str, key: str, sweep: SweepTable, values: np.ndar
     factor, unit = _scale(values, sweep.axes[key])
     getattr(axes, f"set_{which}label")(f"{key} [{unit}]" if unit else key, fontsize=9, color=SOFT_INK)
     if _is_log(values):
+        from matplotlib.ticker import LogLocator, NullFormatter
+
+        axis, few = getattr(axes, f"{which}axis"), values.max() < 3e3 * values.min()
         getattr(axes, f"set_{which}scale")("log")
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter(NullFormatter())
     return lambda raw: raw * factor
 
 

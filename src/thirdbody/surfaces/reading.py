@@ -103,7 +103,7 @@ def _unit(path: Path, named: str | None, given: str | None) -> float:
         raise UsageError(f"{path}: names no unit: give the one of its lengths, such as --unit um")
     text = str(named or given)
     try:
-        return units.parse(text if text[:1].isdigit() else f"1 {text}", "length")
+        return units.parse_unit(text)
     except ValueError as error:
         if named:
             raise InputError(Fault("unit", str(error), str(path))) from None
@@ -173,7 +173,7 @@ def _npz_map(file: str, data: bytes) -> HeightMap:
         value = arrays.get(name, arrays["unit"]).reshape(-1)[0]
         word = value.decode("ascii", "replace") if isinstance(value, bytes) else str(value)
         try:
-            lengths[name] = units.parse(f"1 {word}", "length")
+            lengths[name] = units.parse_unit(word)
         except ValueError as error:
             raise InputError(Fault(name, str(error), file)) from None
     step_x, step_y = np.broadcast_to(arrays["spacing"].astype(np.float64), 2) * lengths["unit"]

@@ -43,8 +43,8 @@ NUMBERED = ("id", "body", "partner", "side", "state", "state_reason", "populatio
 _FILTERS = (h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32)
 
 _HEADER: dict[str, type] = {
-    "scene_text": str, "title": str, "state_names": list, "reason_names": list, "units": dict, "domain": dict, "materials": list,
-    "populations": list,
+    "scene_text": str, "title": str, "state_names": list, "reason_names": list, "units": dict, "meanings": dict, "domain": dict,
+    "materials": list, "populations": list,
     "laws": list, "law": dict, "effects": list, "integrator": dict, "debris_contact": str, "warnings": list, "versions": dict,
     STATIC_TEXT: dict, PROFILE_GROUP: dict, "measures": list, "blocks": list, "scene_bodies": int,
     "closed_paths": list,
