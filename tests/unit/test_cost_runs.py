@@ -265,8 +265,8 @@ def test_medians_how_far_they_may_be_off_and_that_noise_recommends_nothing(made)
     # one alone tells a factor of two, a few half their range; that two agree may be chance
     assert (timing([2.0]), timing([1.0, 2.0, 4.0]), timing([2.0, 2.0])) == ((2.0, 1.0), (2.0, 1.5), (2.0, 0.5))
     assert timing([2.0], 0.1) == (2.0, pytest.approx(0.2, rel=1e-12))
-    # how far the others vary tells it of a single one: 95 % of 21 even values are within 0.2; few samples or values tell nothing
-    assert lone([np.linspace(0.8, 1.2, 21)]) == pytest.approx(0.2, rel=1e-12) and lone([np.ones(21)]) == 0.1
+    # how far the others vary tells it of a single one: half of 21 even values lie within 0.2; few samples or values tell nothing
+    assert lone([np.linspace(0.8, 1.2, 21)]) == pytest.approx(1.57 * 0.2, rel=1e-12) and lone([np.ones(21)]) == 0.1
     assert lone([np.ones(4)] * 9) == lone([np.ones(19)]) == 0.5
     many = timing([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0])
     assert many.seconds == 5.0 and many.half == pytest.approx(1.57 * 4.0 / 3.0, rel=1e-12)

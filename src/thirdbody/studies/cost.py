@@ -321,8 +321,9 @@ def recommended(built: Study) -> tuple[Row, str]:
     The fastest of those whose friction is right to 1 % and that change at most 1 % of the labels, else of the most accurate ones,
     whose errors differ by less than a quarter.
     Times within their spread, or that differ by less than a quarter, are equal: of such variants the scene's own is
-    preferred, else the most accurate one. Where runs from starts 1e-9 apart differ by more than 1 %, the mean friction and the
-    shares of the states decide, and errors below that scatter are equal. A run whose bodies do not meet is reported separately.
+    preferred, else the most accurate one; errors below 0.1 % are equal. Where runs from starts 1e-9 apart differ by more than
+    1 %, the mean friction and the shares of the states decide, and errors below that scatter are equal. A run whose bodies do not
+    meet is reported separately.
     """
     merit, default = figure_of_merit(built), built.default
     choices = [row for row in built.rows if row.stable and is_choice(row) and not row.variant.reference]
@@ -335,7 +336,8 @@ def recommended(built: Study) -> tuple[Row, str]:
     equal = good or [row for row in nearest if not row.errors[labels] > limit] or nearest
     first = min(equal, key=lambda row: row.seconds + row.timing.half, default=built.reference)
     ties = [row for row in equal if not slower(row.timing, first.timing) or row.seconds <= (1.0 + GAIN) * first.seconds]
-    best = min(ties or [built.reference], key=lambda row: (significant_error(built, row, merit), row.seconds))
+    # errors far below those that matter are equal: which of them is the smallest changes from study to study
+    best = min(ties or [built.reference], key=lambda row: (max(significant_error(built, row, merit), 0.1 * GOOD), row.seconds))
     row = default if default is not None and default in ties else best
     own = ", the variant of the scene," if row is default else ""
     words = [f"`{row.variant.name}`{own} gives {percent(row.errors[merit])} {merit_in_words(built)} error"]

@@ -168,14 +168,16 @@ def timing(values: Sequence[float], single: float = LONE) -> Timing:
 
 
 def lone(samples: Iterable[Sequence[float]]) -> float:
-    """Return the relative half width of a single value: what 95 % of the values differ from the median of their sample.
+    """Return the relative half width of a single value: the notch of one value of all samples, each over its median.
 
     Samples of fewer than FEW values tell nothing; LONE where the others have fewer than MANY values.
     """
     many = [np.asarray(sample) for sample in samples if len(sample) >= FEW]
-    apart = [abs(sample / np.median(sample) - 1.0) for sample in many]
-    known = np.concatenate(apart) if apart else np.empty(0)
-    return max(float(np.percentile(known, 95)), KNOWN_LONE) if len(known) >= MANY else LONE
+    known = np.concatenate([sample / np.median(sample) for sample in many]) if many else np.empty(0)
+    if len(known) < MANY:
+        return LONE
+    low, high = np.percentile(known, (25, 75))
+    return min(max(1.57 * float(high - low), KNOWN_LONE), LONE)
 
 
 def slower(a: Timing, b: Timing) -> bool:
