@@ -107,6 +107,8 @@ def inertial_number(state: State) -> Inertial | None:
         mass, load = mass + upper.mass + founded.mass / n, np.full(n, smallest * founded.load / n)
     elif len(upper.heights) == n:
         mass, load = mass + upper.mass[upper.patch], smallest * upper.load[upper.patch]
+        if upper.zone is not None:  # the mean of those inside: the load of a body near the edge is as small as one likes
+            load = np.full(n, load[load > 0.0].mean())
     else:
         mass, load = mass + float(upper.mass.sum()) / n, np.full(n, smallest * float(upper.load.sum()) / n)
     if not (load > 0.0).all():
@@ -267,6 +269,7 @@ def _pressed_step(choice: CompiledPhysics, state: State, plate: PatchedPlate) ->
     # Hertz: the stiffness goes with the third root of radius and load
     who = np.array([rows[np.argmin((mass / np.cbrt(radius))[rows])] for rows in members])
     kind, load = choice.physics.kinds[state.material[who], plate.material], plate.load[plate.patch[who]]
+    load = load if plate.zone is None else np.full(len(who), plate.load.max())
     overlap = overlap_at(choice.physics, load, radius[who], kind)
     stiffness = response(choice.physics, overlap, radius[who], kind).stiffness
     return float(np.min(2.0 * STABILITY_FRACTION * np.sqrt(mass[who] / np.maximum(PRESSED * stiffness, 1e-300))))

@@ -14,6 +14,7 @@ from thirdbody.kernels.schedule import POLYNOMIAL, SINE, TRIANGLE
 from thirdbody.laws.memory import MEMORY
 from thirdbody.scene.model import Scene
 from thirdbody.scene.motion import Constant, Load, Pause, Ramp, Stroke
+from thirdbody.scene.pressure import Profile
 
 MAX_BYTES = 100 * MAX_ROWS
 """Bytes of the largest file: rows of two numbers of 15 digits take half of it."""
@@ -39,10 +40,12 @@ def schedule(scene: Scene, start: float) -> Schedule:
 
 
 def first_load(scene: Scene) -> float:
-    """Return the load under which the debris settles [N]: on the plate, or on each patch; 0 at a gap."""
+    """Return the load under which the debris settles [N]: on the plate, or on each patch, by place the mean; 0 at a gap."""
     plate = scene.plates.upper
     assert plate is not None
     area = scene.domain.size[0] * scene.domain.size[1]
+    if isinstance(plate.pressure, Profile):  # the mean over the bodies
+        return plate.pressure.load / sum(kind.body_count(kind) for kind in scene.debris)
     return plate.load if plate.load is not None else (plate.pressure or 0.0) * area
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from thirdbody.assembly.initial_relaxation import UNLOADED_OVERLAP
+from thirdbody.assembly.contact_zone import cautions, contact_zone, macroscopic
 from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.assembly.placement import CLEARANCE
 from thirdbody.assembly.plate_load import direct_contact, limit_words, narrow_gap_warning, times
@@ -14,11 +15,12 @@ from thirdbody.assembly.populate import plate_heights, sphere_centres
 from thirdbody.assembly.schedule import first_load, schedule
 from thirdbody.engine.guards import OVERLAP_GUARD
 from thirdbody.engine.placed import Placed
-from thirdbody.engine.upper_plate import Foundation, GapLaw, PatchedPlate
+from thirdbody.engine.upper_plate import Foundation, GapLaw, PatchedPlate, Zone
 from thirdbody.errors import InputError
 from thirdbody.kernels.tables import ONLY_LOWER
-from thirdbody.laws.hertz import yield_limit
+from thirdbody.laws.hertz import e_star, yield_limit
 from thirdbody.scene.model import Scene
+from thirdbody.scene.pressure import Profile
 from thirdbody.statics.contacts import load_at, overlap_at, response
 from thirdbody.surfaces.surface import Surface
 from thirdbody.units import pretty
@@ -113,17 +115,39 @@ class _Layer:
 
     def each_loaded(self) -> Upper:
         """Return a plate with one free patch per body."""
-        n, load = len(self.top), self.load
-        loads, mass = np.full(n, load), np.full(n, self.plate.mass or self.mass.mean())
-        overlap, dashpot = self._pressed(np.arange(n), loads, mass)
+        n, zone, loads = len(self.top), None, np.full(len(self.top), self.load)
+        if isinstance(self.plate.pressure, Profile):
+            zone, loads = self._by_place()
+        load, mass = float(loads.max()), np.full(n, self.plate.mass or self.mass.mean())
+        # a patch that carries nothing yet has the dashpot of the most loaded one
+        pressed = np.full(n, load)
+        overlap, dashpot = self._pressed(np.arange(n), pressed, mass)
         self.refuse_crushing(np.arange(n), load * self.largest)
-        self._warn_pressed(np.arange(n), np.full(n, load * self.largest), overlap)
+        self._warn_pressed(np.arange(n), pressed * self.largest, overlap)
         settle = self._settle(mass, dashpot, load)
         self._warn_dashpot(settle, dashpot)
-        heights = self.top + CLEARANCE * self.radius
-        plate = PatchedPlate(self.material, heights, mass, dashpot, loads, True, np.arange(n), schedule(self.scene, settle))
+        heights, motion = self.top + CLEARANCE * self.radius + (0.0 if zone is None else zone.gaps), schedule(self.scene, settle)
+        plate = PatchedPlate(self.material, heights, mass, dashpot, loads, True, np.arange(n), motion, zone=zone)
         max_overlap = float(np.max(overlap / self.radius))
-        return Upper(plate, settle, max_overlap, n, max_overlap)
+        return Upper(plate, settle, max_overlap, int(np.count_nonzero(loads)), max_overlap)
+
+    def _by_place(self) -> tuple[Zone, Array]:
+        """Return the contact of the first bodies, and the load of each body [N]."""
+        scene, lower, direct = self.scene, self.scene.plates.lower, self.scene.plates.contact
+        assert lower is not None
+        materials = dict(zip(scene.materials, self.choice.materials, strict=True))
+        modulus, places = e_star(materials[lower.material], materials[self.plate.material]), self.placed.positions[:, :2]
+        zone, loads = contact_zone(scene, modulus, places, 0.0 if direct is None else direct.friction)
+        if not np.any(loads):
+            raise InputError(scene.fault(("plates", "upper", "pressure"), "no body is inside the contact"))
+        largest = max(clump.diameter for clump in self.placed.clumps)
+        self.warnings += cautions(scene, macroscopic(scene, modulus), loads, float(self.top.max()), largest)
+        if direct is None and self.plate.motion.moving():
+            self.warnings.append(
+                "what bodies that leave the contact carried is carried without friction: "
+                "plates.contact = {friction = ...} gives the friction of the plates on each other"
+            )
+        return zone, loads
 
     def rigid(self) -> Upper:
         """Return one free, parallel plate; the tallest body carries the whole load at first, or direct contact of the plates."""

@@ -75,7 +75,9 @@ class Ledger:
         if upper and upper.foundation:
             lines["foundation"] = springs
         if upper and upper.direct:
-            lines |= {"direct_elastic": direct, "direct_friction": float(A[run_totals.DIRECT_WORK])}
+            lines["direct_elastic"] = direct
+        if upper and (upper.direct or upper.zone):
+            lines["direct_friction"] = float(A[run_totals.DIRECT_WORK])
         return lines
 
     def relative_residual(self, state: State, residual: float, energy: float = 0.0) -> float:

@@ -315,10 +315,11 @@ def constant_arguments(state: State, drag: Array) -> dict[str, Any]:
     """Return those that no step and no search replaces. `drag`: unit vector of the prescribed motion of the upper plate."""
     s, physics, measures = state, state.physics, state.physics.measures
     (begin, size), (force, moment, twist) = physics.field, physics.force_columns
+    zone = FLAT if s.world.upper is None or s.world.upper.zone is None else s.world.upper.zone.row
     return {
         "body": s.body, "start": s.start, "patch": s.patch, "offsets": s.offsets, "B": s.B, "E": s.E,
         "orientations": s.orientations, "P": s.P, "M": s.M, "D": s.D, "schedule": s.schedule, "first": s.first,
-        "lower": s.lower_surface, "upper": s.upper_surface, "drag": drag, "pairs": physics.pairs,
+        "lower": s.lower_surface, "upper": s.upper_surface, "zone": zone, "drag": drag, "pairs": physics.pairs,
         "interaction": physics.interaction, "effect_parameters": physics.effect_parameters,
         "n_history": len(physics.history), "field_begin": begin, "field_size": size, "rolling": physics.rolling,
         "force": force, "moment": moment, "twist": twist, "stored": physics.stored, "dashpots": physics.dashpots,

@@ -309,8 +309,23 @@ class Foundation:
 
 
 @dataclass(frozen=True)
+class Zone:
+    """Contact of the first bodies: its table (`kernels.contact_zone`), total load [N], load of a patch under the reference
+    pressure [N], friction coefficient of the first bodies, and their gap at each patch at the start [m]."""
+
+    row: Array
+    load: float
+    nominal: float
+    friction: float
+    gaps: Array
+
+
+@dataclass(frozen=True)
 class PatchedPlate:
-    """Upper plate: patches (one if it is rigid, otherwise one per body), which follow the schedule's gap unless `free`."""
+    """Upper plate: patches (one if it is rigid, otherwise one per body), which follow the schedule's gap unless `free`.
+
+    In a `zone` those without a load are not free: they follow the gap of the first bodies.
+    """
 
     material: int
     heights: Array
@@ -322,6 +337,7 @@ class PatchedPlate:
     schedule: Schedule = field(default_factory=Schedule)
     foundation: Foundation | None = None
     direct: GapLaw | None = None
+    zone: Zone | None = None
 
     def table(self) -> Array:
         P = np.zeros((len(self.heights) + (self.foundation is not None), patch.WIDTH))
@@ -340,6 +356,9 @@ class PatchedPlate:
         # a load schedule scales the load of the common plate, or of the patches if there is none
         pressed = slice(0, n) if self.foundation is None else slice(n, n + 1)
         P[pressed, patch.NOMINAL_LOAD] = P[pressed, patch.LOAD]
+        if self.zone is not None:
+            P[:, patch.NOMINAL_LOAD], P[:, patch.FIRST_LOAD], P[:, patch.FREE] = self.zone.nominal, self.load, self.load > 0.0
+            P[:, patch.EDGE_HEIGHT], P[:, patch.DIRECT_FRICTION] = self.heights - self.zone.gaps, self.zone.friction
         return P
 
 

@@ -1,8 +1,10 @@
 """The tables of a scene other than the debris: materials, pairs, plates, contact, effects, solver."""
 
+from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
 from thirdbody.scene.motion import Loading, Motion
+from thirdbody.scene.pressure import Pressure, Profile
 from thirdbody.scene.solid import Solid
 from thirdbody.scene.surfaces import Surface
 from thirdbody.schema.fields import (
@@ -85,8 +87,9 @@ class UpperPlate(Part):
     common plate. Example: "foundation"."""
     load: Annotated[float, Quantity(dimension="force", gt=0)] | None = None
     """Load on the plate, or on each patch ("load_per_particle"); give load, pressure or gap. Example: "0.1 mN"."""
-    pressure: PositivePressure | None = None
-    """Pressure on the area of the domain. Example: "2.5 MPa"."""
+    pressure: Pressure | None = None
+    """Pressure on the area of the domain; with "load_per_particle" the pressure by place of a contact with an edge: `profile`.
+    Example: "2.5 MPa"."""
     gap: PositiveLength | None = None
     """Constant distance between the surfaces of the plates; with a foundation to the common plate. Example: "12 um"."""
     closing: Speed | None = None
@@ -108,7 +111,12 @@ class UpperPlate(Part):
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
         faults = one_of(raw, _LOADINGS)
-        if raw.get("support") == "load_per_particle" and not faults and "load" not in raw:
+        by_place = isinstance(raw.get("pressure"), Mapping | Profile)
+        if by_place and raw.get("support") != "load_per_particle":
+            faults.append((("support",), "a pressure by place needs support = 'load_per_particle'"))
+        if by_place and "loading" in raw:
+            faults.append((("loading",), "a pressure by place does not change with time"))
+        if raw.get("support") == "load_per_particle" and not faults and "load" not in raw and not by_place:
             given = next(key for key in _LOADINGS if key in raw)
             faults.append(((given,), "support = 'load_per_particle' takes a load, not a " + given))
         if "closing" in raw and "gap" not in raw:
@@ -159,7 +167,10 @@ class Plates(Part):
             return faults
         if upper is None:
             return [*faults, (("contact",), "needs both plates: add [plates.lower] and [plates.upper]")]
-        if entry(upper, "support") == "load_per_particle":
+        by_place = isinstance(entry(upper, "pressure"), Mapping | Profile)
+        if by_place and (given := [key for key in ("beta", "u0") if entry(raw["contact"], key) is not None]):
+            faults.append((("contact", given[0]), "is of plates at a gap: under a pressure by place the plates carry what debris does not"))
+        if entry(upper, "support") == "load_per_particle" and not by_place:
             faults.append((("contact",), "shares the load of one plate: plates.upper.support = 'rigid' or 'foundation'"))
         if entry(upper, "gap") is not None:
             faults.append((("contact",), "shares a load, and a plate at a gap has none: give plates.upper.load or pressure"))

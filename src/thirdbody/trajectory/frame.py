@@ -215,8 +215,10 @@ class FrameMaker:
         }
         if plate is not None:
             series["active"] = contacts.active()
-        if plate is not None and plate.direct is not None:
+        if plate is not None and (plate.direct is not None or plate.zone is not None):
             series |= {"direct_force": direct, "load_share_debris": float(upper[2] / both[2]) if both[2] > 0.0 else np.nan}
+        if plate is not None and plate.zone is not None:
+            series["inside"] = np.count_nonzero(s.P[:, patch.FREE])
         if dragged:
             series["drag_work"] = s.A[run_totals.DRAG_WORK]
         if has_accommodation(s, self.drag):

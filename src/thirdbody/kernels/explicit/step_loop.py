@@ -14,6 +14,7 @@ from thirdbody.jit.simd import broadcast, extract, load
 from thirdbody.jit.threads import DISMISSED, DONE, close_pass, count_up, load_word, next_part, open_pass, wait_again
 from thirdbody.kernels.arguments import EARLY, LATE, OBSERVATION, RUN_GROUPS, Step, context_of
 from thirdbody.kernels.bodies import BODIES, STEPS, largest_displacement, weight_of
+from thirdbody.kernels.contact_zone import enter_or_leave, gap, has_zone, place, pressure, unloaded
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.explicit.passes import closing_kick
 from thirdbody.kernels.plates import book_direct_contact, direct_force
@@ -72,6 +73,8 @@ def kick_patches(context, step):
         for p in range(P.shape[0]):
             if P[p, patch.NOMINAL_LOAD] != 0.0:
                 P[p, patch.LOAD] = factor * P[p, patch.NOMINAL_LOAD]
+    if has_zone(context):
+        load_by_place(context)
     if plate == 0:
         P[0, patch.FORCE] = force_of_debris(context.sums) + direct_force(P, np.int64(0))
     else:
@@ -90,6 +93,35 @@ def kick_patches(context, step):
             P[p, patch.VELOCITY] = (P[p, patch.VELOCITY] + half * (P[p, patch.FORCE] - P[p, patch.LOAD])) / (
                 1.0 + half * P[p, patch.DAMPING]
             )
+
+
+@njit(**BARE)
+def follow_gap(context, dt):
+    for b in range(context.B.shape[0]):
+        P, p = context.P, context.patch[b]
+        if P[p, patch.FREE] == 0.0:
+            x, y = place(b, context, 0.0, 0.0)
+            P[p, patch.VELOCITY] = (P[p, patch.EDGE_HEIGHT] + gap(x, y, context.zone) - P[p, patch.HEIGHT]) / dt
+
+
+@njit(**BARE)
+def load_by_place(context):
+    for b in range(context.B.shape[0]):
+        x, y = place(b, context, 0.0, 0.0)
+        p = context.patch[b]
+        context.P[p, patch.LOAD] = context.P[p, patch.NOMINAL_LOAD] * pressure(x, y, context.zone)
+
+
+@njit(**BARE)
+def leave_zone(A, context, step):
+    """Book what direct contact carries, and let patches enter and leave the contact of the first bodies."""
+    P, force, given = context.P, 0.0, 0.0
+    for b in range(context.B.shape[0]):
+        force += unloaded(b, context)
+        given += enter_or_leave(b, context)
+    A[run_totals.PLATE_WORK] += given
+    A[run_totals.PLATE_WORK_SIZE] += abs(given)
+    book_direct_contact(A, (force, P[0, patch.DIRECT_FRICTION]), step, 0.5)
 
 
 @njit(**BARE)
@@ -128,8 +160,11 @@ def update_ledger(context, step):
             powers = -force_of_debris(context.sums[2 * g : 2 * g + 2]) * P[0, patch.VELOCITY], 0.0
         book_step(ledgers[g], g, g + 1, powers, context, step)
     plate = P.shape[0] - 1
+    whole = ledgers[0] if ledgers.shape[0] > 0 else A
     if P[plate, patch.DIRECT_PREFACTOR] != 0.0:
-        book_direct_contact(ledgers[0] if ledgers.shape[0] > 0 else A, P, plate, step, 0.5)
+        book_direct_contact(whole, (direct_force(P, plate), P[plate, patch.DIRECT_FRICTION]), step, 0.5)
+    if has_zone(context):
+        leave_zone(whole, context, step)
     pass_time(A, step.dt, step.v_x, step.v_y)
     steps, weights = np.int64(A[run_totals.STEPS]) % STEPS, 0.0
     for k in range(steps):
@@ -283,6 +318,8 @@ def advance(budget, until, distance, dt, threads, packed):
         sampled = context.labels != 0 and (np.int64(A[run_totals.STEPS]) + 1) % context.stride == 0
         turn = dt * weight_of(np.int64(A[run_totals.STEPS]))
         step = Step(np.int64(n + 1), sampled or last or n == budget - 1, A[run_totals.TIME] + dt, dt, v_x, v_y, pending, turn)
+        if has_zone(context) and dt > 0.0:
+            follow_gap(context, dt)
         patch_path = drift_patches(context.P, schedule, first, A[run_totals.TIME], step)
         for task in range(EARLY, OBSERVATION + 1):
             if task == OBSERVATION:

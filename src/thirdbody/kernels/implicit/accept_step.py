@@ -8,13 +8,14 @@ from numba import njit
 from thirdbody.jit.options import BARE
 from thirdbody.kernels.books import normal_loss_of
 from thirdbody.kernels.contact_geometry import add_gradient_force, force_and_torques
+from thirdbody.kernels.contact_zone import enter_or_leave, has_zone, unloaded
 from thirdbody.kernels.height_field import has_heights
 from thirdbody.kernels.implicit import books
 from thirdbody.kernels.implicit.contact import product
 from thirdbody.kernels.implicit.control import step_ratio
 from thirdbody.kernels.implicit.residual import inertia_of, set_configuration
 from thirdbody.kernels.implicit.workspace import FREEDOMS, STAGE, last_candidate, update_rough
-from thirdbody.kernels.plates import has_effect_columns, is_closed, is_lower, is_rough, three
+from thirdbody.kernels.plates import book_direct_contact, has_effect_columns, is_closed, is_lower, is_rough, three
 from thirdbody.kernels.step_tables import contact_sums, sphere_path, step_contacts, step_memory, step_settings, step_start
 from thirdbody.kernels.tables import body, body_extra, patch, run_totals, sphere
 from thirdbody.kernels.tile import TILE, geometry, law_output
@@ -196,6 +197,15 @@ def reject_step(context, b, space):
 
 
 @njit(**BARE)
+def leave_zone(context, b, motion):
+    """Book what direct contact carries instead of body b, and let its patch enter or leave the contact of the first bodies."""
+    A, given = context.totals[b], context.settings[step_settings.INERTIAL] * enter_or_leave(b, context)
+    A[run_totals.PLATE_WORK] += given
+    A[run_totals.PLATE_WORK_SIZE] += abs(given)
+    book_direct_contact(A, (unloaded(b, context), context.P[context.patch[b], patch.DIRECT_FRICTION]), motion, 0.5)
+
+
+@njit(**BARE)
 def accept_step(context, b, m, motion, common, space):
     Z, T, B, E, dt = space.start, context.memory[b], context.B, context.E, motion.dt
     for k in range(contact_sums.WIDTH):
@@ -213,6 +223,8 @@ def accept_step(context, b, m, motion, common, space):
         stored += books.stored_energy(context.plate_incidence[e] >> 1, context)
     update_ledger(context, b, motion, (stored - T[step_memory.STORED], damped), common, space)
     remember_step(context, b, dt, space)
+    if has_zone(context):
+        leave_zone(context, b, motion)
     update_rough(STAGE.ACCEPT, b, context)
     T[step_memory.STORED] = stored
     T[step_memory.MAX_ENERGY] = max(T[step_memory.MAX_ENERGY], books.total_storable_energy(m, space))

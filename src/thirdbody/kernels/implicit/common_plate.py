@@ -21,7 +21,7 @@ from thirdbody.kernels.implicit.jacobian import assemble, factorise_jacobian, so
 from thirdbody.kernels.implicit.newton import NewtonOutcome, evaluate, solve_island
 from thirdbody.kernels.implicit.residual import measure_arm, save_start
 from thirdbody.kernels.implicit.workspace import FREEDOMS, STAGE, body_at, call_part, space_at
-from thirdbody.kernels.plates import book_direct_contact, is_rough, is_upper
+from thirdbody.kernels.plates import book_direct_contact, direct_force, is_rough, is_upper
 from thirdbody.kernels.step_tables import body_solution, step_memory, step_start
 from thirdbody.kernels.tables import patch
 from thirdbody.kernels.tile import TILE, law_output
@@ -181,4 +181,5 @@ def next_breakpoint_after(t, packed, until):
 @entry(types.void(_ROW, types.Array(types.float64, 2, "C"), _D, _D, _D, _D), **OPTIONS)
 def book_direct(totals, P, dt, v_x, v_y, old):
     """Add a step of direct contact to the totals of the plate, the last row of P (`plates.book_direct_contact`)."""
-    book_direct_contact(totals, P, P.shape[0] - 1, Motion(dt, v_x, v_y), old)
+    plate = P.shape[0] - 1
+    book_direct_contact(totals, (direct_force(P, plate), P[plate, patch.DIRECT_FRICTION]), Motion(dt, v_x, v_y), old)

@@ -1,0 +1,67 @@
+"""Pressure of the upper body by place: a contact with an edge, under which every particle carries the load of its place."""
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import TypeAdapter, WrapValidator
+
+from thirdbody.schema.fields import PositiveLength, PositivePressure, Quantity, TwoPositiveLengths
+from thirdbody.schema.parts import Part, Wrong, table_by_kind
+
+PositiveForce = Annotated[float, Quantity(dimension="force", gt=0)]
+
+
+class Uniform(Part):
+    """The same pressure everywhere."""
+
+    profile: Literal["uniform"]
+    """Pressure by place. Example: "hertz"."""
+    load: PositiveForce
+    """Load on all bodies together. Example: "2 N"."""
+
+
+class Punch(Part):
+    """A flat punch: the same pressure on its face; beyond its edge a chamfer of 45 degrees."""
+
+    profile: Literal["punch"]
+    """Pressure by place. Example: "punch"."""
+    load: PositiveForce
+    """Load on the upper body. Example: "2 N"."""
+    width: TwoPositiveLengths
+    """Width of the face along x and y; one as wide as the domain is endless. Example: ["200 um", "100 um"]."""
+    edge: PositiveLength
+    """Length over which the pressure falls to zero around the edge. Example: "10 um"."""
+
+    def checks(self) -> list[Wrong]:
+        return [] if self.edge <= min(self.width) else [(("edge",), "is longer than a width")]
+
+
+class Hertz(Part):
+    """A ball, or a cylinder whose axis is along y, on a flat: Hertz' pressure of the materials of both plates."""
+
+    profile: Literal["hertz"]
+    """Pressure by place. Example: "hertz"."""
+    body: Literal["ball", "cylinder"]
+    """Upper body; the axis of a cylinder is along y. Example: "ball"."""
+    radius: PositiveLength
+    """Its radius. Example: "10 mm"."""
+    load: PositiveForce
+    """Load on it; of a cylinder on its length in the domain. Example: "5 N"."""
+
+
+Profile = Uniform | Punch | Hertz
+
+KINDS: Mapping[str, type[Part]] = {"uniform": Uniform, "punch": Punch, "hertz": Hertz}
+
+_value = TypeAdapter(PositivePressure)
+
+
+def _read(value: Any, handler: Any, info: Any) -> Any:
+    if isinstance(value, Profile):
+        return value
+    if isinstance(value, Mapping):
+        return table_by_kind(value, info, "profile", KINDS)
+    return _value.validate_python(value, context=info.context)
+
+
+Pressure = Annotated[PositivePressure | Uniform | Punch | Hertz, WrapValidator(_read)]
