@@ -278,20 +278,19 @@ def significant_error(built: Study, row: Row, merit: str) -> float:
 
 
 def efficient(built: Study) -> list[Row]:
-    """Return the Pareto front by time: variants for which no other one is both as accurate and significantly faster.
+    """Return the Pareto front: variants than which no other one is closer in the same or less time, or as close in less.
 
-    A variant that is less accurate than one of equal time within the spread is excluded. The reference, whose error is zero by
-    definition, is the last.
+    The reference, whose error is zero by definition, is the last.
     """
     merit = figure_of_merit(built)
     rows = [row for row in built.rows if row.stable and is_choice(row) and math.isfinite(row.errors[merit])]
 
     def beaten(row: Row, other: Row) -> bool:
-        """Return whether another variant is more accurate and not significantly slower, or as accurate and faster."""
+        """Return whether another variant is closer and not slower, or as close and faster."""
         error, better = significant_error(built, row, merit), significant_error(built, other, merit)
         if better == error:
             return (other.seconds, id(other)) < (row.seconds, id(row))
-        return better < error and not slower(other.timing, row.timing)
+        return better < error and other.seconds <= row.seconds
 
     others = [row for row in rows if row is not built.reference]
     saved = [row for row in rows if row is built.reference or not any(beaten(row, other) for other in others)]

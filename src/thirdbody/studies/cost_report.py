@@ -10,6 +10,8 @@ from typing import Any
 from thirdbody.report.tables import table
 from thirdbody.studies.cost import (
     ERRORS,
+    GOOD,
+    SAME,
     Row,
     Study,
     efficient,
@@ -191,6 +193,9 @@ def advice(built: Study) -> str:
     keys = {key: value for key, value in row.variant.changes.items() if own.variant.changes.get(key, "auto") != value}
     settings = ", ".join(f"{key} = {value}" if value is not None else f"no {key}" for key, value in keys.items())
     gain = f"{percent(row.errors[merit])} error in {what} instead of {percent(own.errors[merit])}"
+    name, of = ("state_fraction_error", "shares of states") if is_chaotic(built) else ("label_difference", "labels")
+    if own.errors[merit] <= GOOD and own.errors[name] > max(SAME, row.errors[name]):  # its labels are why it is not recommended
+        gain = f"{percent(row.errors[name])} of the {of} differ instead of {percent(own.errors[name])}"
     return f"Set {settings}: {gain}, in {row.seconds / own.seconds:.2g} times the time."
 
 

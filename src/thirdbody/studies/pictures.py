@@ -240,11 +240,11 @@ def picture_of_study(built: Study) -> Figure:
     _marks(axes, built, points, merit)
     axes.margins(x=0.17, y=0.1)  # room for names
     _percents(axes, merit)
-    of = f", {textwrap.shorten('; '.join(built.reduction), 70, placeholder=' ...')}" if built.reduction else ""
-    axes.set_xlabel(f"processor time [s]{of}", fontsize=9.5, color=INK)
+    sizes = [words.partition(",")[0] for words in built.reduction if " of " in words]
+    axes.set_xlabel(", ".join(["processor time [s]", *sizes]), fontsize=9.5, color=INK)
     title = "\n".join(textwrap.wrap(f"What accuracy costs: {built.title or built.scene}", 58))
     figure.suptitle(title, fontsize=12, fontweight="bold", x=0.01, ha="left", color=INK)
-    axes.set_title("\n".join(textwrap.wrap(advice(built), 90)), loc="left", fontsize=9.5, color=INK)
+    axes.set_title("\n".join(textwrap.wrap(advice(built).replace(" %", "\u00a0%"), 90)), loc="left", fontsize=9.5, color=INK)
     figure.legend(fontsize=8.5, frameon=False, loc="outside lower left", ncols=3, handletextpad=0.3, columnspacing=1.2)
     _names(axes, points, _named(built, points), front)
     return figure
@@ -320,23 +320,29 @@ def _names(axes: Any, points: dict[Row, tuple[float, float]], names: dict[Row, s
         size = 9.0 if chosen else 8.0
         width, height, off = 0.54 * size * len(text) * scale, 1.25 * size * scale, 6.0 if "recommended" in text else 0.0
         others = [(px - r, py - r, px + r, py + r) for key, (px, py) in dots.items() if key != row for r in (4.0 * scale,)]
-        result: list[tuple[float, Box, tuple[float, float]]] = []
+        result: list[tuple[float, Box, tuple[float, float], bool]] = []
         for dx, dy in ((dx + math.copysign(off, dx), dy + math.copysign(0.5 * off, dy)) for dx, dy in _AROUND):
             left, middle = x + dx * scale - (width if dx < 0 else 0.0), y + dy * scale
             box = (left, middle - 0.5 * height, left + width, middle + 0.5 * height)
             out = box[0] < inside[0] or box[2] > inside[2] or box[1] < inside[1] or box[3] > inside[3]
             hidden = sum(_boxes_overlap(box, other) for other in [*occupied, *others]) + out
-            away = 0.1 * math.hypot(dx, dy) + 0.8 * (dx < 0) + 0.4 * (dy < 0)  # prefer above and to the right
-            result.append((HIDES * hidden + away, box, (dx, dy)))
-        worth, box, shift = min(result)
+            of_another = any(_distance(box, dots[other]) < _distance(box, dots[row]) for other in dots if other != row)
+            away = 0.1 * math.hypot(dx, dy) + 0.8 * (dx < 0) + 0.4 * (dy < 0) + 3.0 * of_another  # above and to the right
+            result.append((HIDES * hidden + away, box, (dx, dy), of_another))
+        worth, box, shift, of_another = min(result)
         if worth > HIDES and not chosen:
             continue
         occupied.append(box)
-        distant = max(abs(shift[0]) - 6.0, abs(shift[1])) > 12.0 + off
+        distant = of_another or max(abs(shift[0]) - 6.0, abs(shift[1])) > 12.0 + off
         axes.annotate(text, points[row], xytext=shift, textcoords="offset points", fontsize=size, va="center",
                       ha="left" if shift[0] > 0 else "right", color=INK if chosen else SOFT_INK, zorder=5,
                       path_effects=[withStroke(linewidth=2.0, foreground="white")],
                       arrowprops={"arrowstyle": "-", "color": SOFT_INK, "linewidth": 0.5} if distant else None)  # fmt: skip
+
+
+def _distance(box: Box, point: Sequence[float]) -> float:
+    x, y = point
+    return math.hypot(max(box[0] - x, 0.0, x - box[2]), max(box[1] - y, 0.0, y - box[3]))
 
 
 def _boxes_overlap(a: Box, b: Box) -> bool:
