@@ -309,7 +309,7 @@ ADHESION = Law(
         ),
         Option(
             "friction_load", "dimensionless", "with_pull_off", words=("with_pull_off", "external"),
-            doc="load of friction: with the pull-off force (JKR: twice), or the external load",
+            doc="load in the friction limit: external load plus pull-off force (JKR: plus twice that), or external load alone",
         ),
         Option("equilibrium_distance", "length", 2e-10, low=1e-11, doc="distance of the surfaces at rest, for Tabor's number"),
     ),

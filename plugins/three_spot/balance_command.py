@@ -50,7 +50,7 @@ def balance_command(
 def table(result: Result) -> list[str]:
     """Return lines of text: the forecast, then the points where something changes and some in between."""
     f = result.forecast
-    interval = "never slides" if f.t_min is None else f"slides for mu from {f.t_min:.4g} to {f.t_max:.4g}"
+    interval = "never slides" if f.t_min is None else f"slides for mu from {max(f.t_min, 0.0):.4g} to {f.t_max:.4g}"
     required = "-" if f.mu_required is None else f"{f.mu_required:.4g}"
     lines = [f"forecast: sticks for mu from {required}, {interval}; possible: {', '.join(f.possible) or 'none'}"]
     count = len(result.points[0].N) if result.points else 0

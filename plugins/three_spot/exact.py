@@ -230,7 +230,7 @@ def exact_tangent(c, load, p, h, w):
 
 NODES = Option(
     "nodes", "dimensionless", 48.0, low=24.0, high=4096.0,
-    doc="capacity per contact: bends of its history on a line, two thirds of the springs on a curve",
+    doc="capacity per contact: turning points of slip along a line; on a curve two thirds of the number of springs",
 )  # fmt: skip
 
 

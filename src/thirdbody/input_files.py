@@ -57,7 +57,9 @@ def read_bytes(path: str | os.PathLike[str], key: str = "", what: str = "file", 
             with open(path, "rb") as file:
                 return file.read()
     except (FileNotFoundError, NotADirectoryError):
-        reason = "no such file" + ("; give the path from the folder of the scene, or an absolute one" if what == "file" else "")
+        hints = {"file": "; give the path from the folder of the scene, or an absolute one",
+                 "scene file": "; `thirdbody new --list` shows the scenes to copy"}  # fmt: skip
+        reason = f"no such file{hints.get(what, '')}"
     except (OSError, ValueError) as error:  # ValueError: a null byte in the name
         reason = f"cannot be read: {getattr(error, 'strerror', error)}"
     name = os.fspath(path)

@@ -228,7 +228,7 @@ class _Layer:
             return max_overlap, np.full(len(who), self.plate.damping)
         stiffness = response(physics, overlap, radius, kind).stiffness
         if not np.all(np.isfinite(stiffness)):
-            message = "needs a value: the normal law has no tangent to find the critical damping from"
+            message = 'needs a value, such as "2e-4 kg/s": without a tangent of the laws critical damping is not known'
             raise InputError(self.scene.fault(("plates", "upper", "damping"), message))
         return max_overlap, 2.0 * np.sqrt(stiffness * mass)
 

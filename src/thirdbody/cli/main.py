@@ -174,7 +174,7 @@ def plot(
     ] = None,
     frame: Annotated[int, typer.Option("--frame", help="frame of the contacts, negative from the end")] = -1,
     x: Annotated[str | None, typer.Option("--x", metavar="KEY", help="sweep: axis of the picture")] = None,
-    y: Annotated[str | None, typer.Option("--y", metavar="KEY", help="sweep: second axis, of curves or a map")] = None,
+    y: Annotated[str | None, typer.Option("--y", metavar="KEY", help="sweep: second axis; above 6 values a map")] = None,
 ) -> None:
     """Draw the summary page of a run: friction, states, gap or load, energy, contacts; or curves and maps of a sweep."""
     from thirdbody.studies.folder import is_sweep_folder

@@ -82,8 +82,9 @@ def copy_scene(name: str, path: Path) -> list[Path]:
     if name not in questions():
         raise UsageError(f"--from {name}: no such scene, {nearest(name, questions())}")
     source = _folder(SCENES) / f"{name}.toml"
-    named = {path.parent / word: file.read_bytes() for word, file in _named(source).items()}
-    return write_new({path: source.read_bytes()} | named)
+    # a sweep names a scene in the folder above it: the copy lies beside the sweep
+    copy = source.read_bytes().replace(b'"../', b'"')
+    return write_new({path: copy} | {path.parent / file.name: file.read_bytes() for file in _named(source)})
 
 
 def write_new(files: dict[Path, bytes]) -> list[Path]:
@@ -123,12 +124,12 @@ def _document(file: Path) -> dict[str, Any]:
     return tomllib.loads(file.read_text(encoding="utf-8"))
 
 
-def _named(source: Path) -> dict[str, Path]:
-    """Return the files that a scene or a sweep names, and those that its scene names, by their names there."""
-    files: dict[str, Path] = {}
+def _named(source: Path) -> list[Path]:
+    """Return the files that a scene or a sweep names, and those that its scene names."""
+    files: list[Path] = []
     for word in _words(_document(source)):
         if (file := source.parent / word).is_file():
-            files |= {word: file} | (_named(file) if file.suffix == ".toml" else {})
+            files += [file, *(_named(file) if file.suffix == ".toml" else [])]
     return files
 
 

@@ -51,7 +51,7 @@ class Mesh(PlacedDebris):
     file: Annotated[str | list[str], _FILES]
     """Closed mesh (STL, OBJ, PLY), list or folder of them, relative to the scene; used in turn. Example: "flake.stl"."""
     unit: Unit
-    """Unit of length of the files, by name, or the length of one. Example: "um"."""
+    """Length of one unit of the files, such as "1 um", or its name. Example: "um"."""
     spheres: Annotated[int, Whole(ge=4, le=1500)] | None = None
     """Number of spheres of each body; by default 12, more for a thin body that 12 would miss. Example: 12."""
     size: Size | None = None

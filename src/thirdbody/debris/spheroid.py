@@ -134,7 +134,7 @@ class Spheroid(PlacedDebris):
     form: Literal["prolate", "oblate"] = "prolate"
     """"prolate": long, spheres on a segment; "oblate": flat, spheres on a disc. Example: "oblate"."""
     spheres: Annotated[int, Whole(ge=2, le=MAX_SPHERES_PER_BODY)] = 20
-    """Most spheres of a body; an oblate one has the largest allowed of 7, 19, 37, 61, 91. Example: 20."""
+    """Most spheres of a body; an oblate one has the largest number of 7, 19, 37, 61, 91 up to this. Example: 20."""
 
     heading: Annotated[float, Quantity(dimension="angle")] | None = None
     """Direction of the long axis of prolate bodies in a layer, from x towards y; by default random. Example: "0 deg"."""

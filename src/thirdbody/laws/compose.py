@@ -167,7 +167,8 @@ def ordered(laws: Iterable[Law]) -> tuple[Law, ...]:
     for stage in STAGES:
         names = [law.name for law in chain if law.stage == stage]
         if len(names) > 1 and stage != "adhesion":
-            raise ValueError(f"two laws for the {stage} stage: {', '.join(names)}")
+            instead = "; a law declared with `replaces` takes the place of another" if stage in ("normal", "tangential") else ""
+            raise ValueError(f"two laws for the {stage} stage: {', '.join(names)}{instead}")
         if stage == "normal" and not names:
             raise ValueError("no law for the normal stage")
     for law in chain:

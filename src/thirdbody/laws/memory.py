@@ -24,7 +24,7 @@ from thirdbody.laws.contract import Option, Options, kernel
 MEMORY = Option(
     "memory", "dimensionless", "auto", words=("auto", "two_number", "one_ring", "two_rings", "rescaled"),
     doc="'two_number': force and energy; 'one_ring', 'two_rings': also closed rings of the contact area, for load and shear that"
-    " swing together; 'auto': two rings where a scene can do so, else two numbers; 'rescaled': the force alone, as in LAMMPS,"
+    " oscillate together; 'auto': two rings where they can do so, else two numbers; 'rescaled': the force alone, as in LAMMPS,"
     " which loses a part of it in every cycle of load",
 )  # fmt: skip
 

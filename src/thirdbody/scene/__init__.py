@@ -1,1 +1,1 @@
-"""The scene: the checked model, reading with all faults at once, saving."""
+"""The scene: checked model, reading (reports all faults at once), saving."""

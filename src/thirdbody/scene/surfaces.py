@@ -58,7 +58,7 @@ class Sine(Part):
     amplitude: PositiveLength
     """Height of the crests above the mean, and depth of the valleys. Example: "0.3 um"."""
     wavelength: PositiveLength
-    """Wavelength, or distance from groove to groove; a whole number must fit the domain. Example: "20 um"."""
+    """Wavelength, or distance from groove to groove; the domain must hold a whole number of them. Example: "20 um"."""
     direction: Direction = "x"
     """Direction in which the height changes: an axis, or an angle from x towards y. Example: "y"."""
     phase: Angle = 0.0
@@ -82,7 +82,7 @@ class Groove(Part):
     """Half the length of a rounded corner; its radius is at least this over tan(flank). By default a fifth of the flank.
     Example: "0.5 um"."""
     wavelength: PositiveLength
-    """Wavelength, or distance from groove to groove; a whole number must fit the domain. Example: "20 um"."""
+    """Wavelength, or distance from groove to groove; the domain must hold a whole number of them. Example: "20 um"."""
     direction: Direction = "x"
     """Direction in which the height changes: an axis, or an angle from x towards y. Example: "y"."""
     phase: Angle = 0.0
@@ -155,7 +155,7 @@ class SurfaceFile(Part):
     crop: Crop | None = None
     """Part of the file that is used, in its coordinates. Example: {x = ["10 um", "90 um"]}."""
     short: PositiveLength | None = None
-    """Shortest wavelength that is left; waves 1.5 times as long stay as they are. By default four points of the file; a periodic
+    """Shortest wavelength that is left; waves 1.5 times as long stay as they are. By default four point spacings; a periodic
     map stays as it is. Example: "2 um"."""
     join: Literal["blend", "mirror", "periodic"] = "blend"
     """How copies meet: "blend" along a cut where they differ least, "mirror" with every second copy reversed, "periodic" for a

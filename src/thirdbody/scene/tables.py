@@ -47,8 +47,8 @@ class PairTable(Part):
     friction: Annotated[float, Quantity(ge=0)]
     """Friction coefficient. Example: 0.3."""
     restitution: Annotated[float, Quantity(ge=1e-6, le=1)]
-    """Coefficient of restitution along the normal, the same at every speed. It holds for one contact: on n at once damping is
-    sqrt(n) times as large, so that 0.6 becomes 0.50 on 2 and 0.31 on 7. Example: 0.6."""
+    """Coefficient of restitution along the normal, the same at every speed. It holds for one contact. On n contacts
+    at once damping is sqrt(n) times as large: 0.6 becomes 0.50 on two and 0.31 on seven. Example: 0.6."""
     rolling_friction: Annotated[float, Quantity(ge=0, le=1)] | None = None
     """Coefficient of rolling resistance of this pair, instead of that of the effect. Example: 0.05."""
     work_of_adhesion: Annotated[float, Quantity(dimension="energy_per_area", ge=0)] | None = None
@@ -102,11 +102,12 @@ class UpperPlate(Part):
     """Load on each patch of a foundation beside its spring, in addition to `load`. Example: "10 uN"."""
     motion: Motion = Motion()
     surface: Surface | None = None
-    """As of the lower plate, towards the debris; it moves with the plate. Example: {file = "scan.x3p", short = "2 um"}."""
+    """As for the lower plate, with heights towards the debris; moves with the plate.
+    Example: {file = "scan.x3p", short = "2 um"}."""
     mass: PositiveMass | None = None
     """Mass of the plate or of each patch; by default that of all debris, or of the mean body. Example: "1e-11 kg"."""
     damping: Annotated[float, Quantity(dimension="damping", ge=0)] | None = None
-    """Dashpot of the plate or of each patch; by default critical with the contact. Example: "7e-5 kg/s"."""
+    """Dashpot of the plate or of each patch; by default critical damping with the contact stiffness. Example: "7e-5 kg/s"."""
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
@@ -232,7 +233,7 @@ class Solver(Part):
     """
 
     integrator: Literal["auto", "explicit", "implicit"] = "auto"
-    """"auto": implicit where bodies meet the plates only, or few each other, and it should be faster. Example: "implicit"."""
+    """"auto": implicit where at most few bodies meet each other and it should be faster. Example: "implicit"."""
     time_step: Annotated[float | Literal["auto"], Quantity(dimension="time", gt=0, words=("auto",))] = "auto"
     """Time step of the explicit integrator; above the bound it needs `--force`. Example: "0.5 ns"."""
     distance: PositiveLength | None = None

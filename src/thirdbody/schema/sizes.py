@@ -33,7 +33,7 @@ class Constant(SizeDistribution):
 
     distribution: Literal["constant"] = "constant"
     value: PositiveLength
-    """Size of all bodies, as a bare length gives it. Example: "10 um"."""
+    """Size of all bodies, the same as a bare length. Example: "10 um"."""
 
     def typical(self) -> tuple[float, float]:
         return self.value, 1.0

@@ -83,7 +83,9 @@ def make_plan(base: Scene, definition: Definition, folder: Path, plugins: Iterab
         points.append(Point(number, point_folder, text, scene_folder, names, files, definition.tables.keep))
     columns = tuple(_column(axis, key.key, documents) for axis, keys in enumerate(definition.axes) for key in keys)
     lengths = tuple(axis[0].count or 0 for axis in definition.axes) if definition.design == "grid" else ()
-    return Plan(base.title, base.to_toml(), definition.design, lengths, columns, tuple(points), tuple(listed))
+    changed = ", ".join(f"{key} = {value}" for key, value in given.items())
+    title = f"{base.title} ({changed})" if base.title and changed else base.title
+    return Plan(title, base.to_toml(), definition.design, lengths, columns, tuple(points), tuple(listed))
 
 
 def _paths(table: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:

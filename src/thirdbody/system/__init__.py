@@ -1,1 +1,1 @@
-"""Processes, signals, streams, address space and cores: calls of Python and of the operating system."""
+"""Processes, signals, streams, address space and cores: calls to Python and to the operating system."""

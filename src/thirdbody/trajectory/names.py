@@ -48,7 +48,7 @@ SERIES = {
     "friction_coefficient": Name(
         "1",
         "-(upper_force . first direction of motion) / |normal force|; on a path that is not straight, work of the motion / "
-        "(|normal force| path). NaN without load. With `plates.contact` of upper_force + direct_force.",
+        "(|normal force| path). NaN without load. With `plates.contact` the force is upper_force + direct_force.",
     ),
     "drag_work": Name("J", "Work of the plate's sideways motion against the force on it since the start; only with motion."),
     "loaded": Name("1", "Number of bodies that carry load."),
