@@ -1,4 +1,4 @@
-"""Contact of the first bodies of a scene as a whole: half width, peak pressure, loads of bodies by place, and where the theory holds."""
+"""Contact of the first bodies as a whole: half width, peak pressure, loads of bodies by place, and where the theory holds."""
 
 import math
 from dataclasses import dataclass
@@ -8,7 +8,6 @@ import numpy as np
 from thirdbody.engine.upper_plate import Zone
 from thirdbody.kernels import contact_zone as kernel
 from thirdbody.kernels.tables import zone
-from thirdbody.laws.hertz import e_star
 from thirdbody.scene.model import Scene
 from thirdbody.scene.pressure import Hertz, Punch
 from thirdbody.units import pretty
@@ -48,8 +47,8 @@ def macroscopic(scene: Scene, modulus: float) -> Macroscopic:
 def contact_zone(scene: Scene, modulus: float, places: Array, friction: float) -> tuple[Zone, Array]:
     """Return the contact, and the load of each body [N].
 
-    A load is the pressure at the place of the body (n, 2) [m] times its share of the domain, scaled by one factor so that all bodies
-    carry the whole load.
+    A load is the pressure at the place of the body (n, 2) [m] times its share of the domain, scaled by one factor so that all
+    bodies carry the whole load.
     """
     given, size = scene.plates.upper.pressure, np.array(scene.domain.size)  # type: ignore[union-attr]
     contact, row = macroscopic(scene, modulus), np.zeros(zone.WIDTH)
@@ -72,10 +71,11 @@ def contact_zone(scene: Scene, modulus: float, places: Array, friction: float) -
 def cautions(scene: Scene, contact: Macroscopic, loads: Array, height: float, diameter: float) -> list[str]:
     """Return warnings where debris of this height and diameter [m] is not thin and small in the contact, or few bodies are."""
     words, inside = [], int(np.count_nonzero(loads))
-    if contact.radius > 0.0 and height * contact.radius / contact.half_width**2 > THIN:
+    thickness = height * contact.radius / contact.half_width**2
+    if thickness > THIN:
         words.append(
-            f"debris {pretty(height, 'length')} high is {height * contact.radius / contact.half_width**2:.2g} of a^2/R, the scale of "
-            f"the approach of the first bodies: their pressure holds for less than {THIN:g}; take a softer pair, a larger radius or load"
+            f"debris {pretty(height, 'length')} high is {thickness:.2g} of a^2/R, the scale of the approach of the first bodies: their "
+            f"pressure holds below {THIN:g}; take a softer pair, a larger radius or load"
         )
     if diameter > SMALL * contact.half_width:
         words.append(

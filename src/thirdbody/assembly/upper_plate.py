@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thirdbody.assembly.initial_relaxation import UNLOADED_OVERLAP
 from thirdbody.assembly.contact_zone import cautions, contact_zone, macroscopic
+from thirdbody.assembly.initial_relaxation import UNLOADED_OVERLAP
 from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.assembly.placement import CLEARANCE
 from thirdbody.assembly.plate_load import direct_contact, limit_words, narrow_gap_warning, times

@@ -1,8 +1,8 @@
 """Contact of the first bodies as a whole: its pressure by place, the gap around it, and the loads of the patches that follow.
 
 Places are those in the upper body, from the middle of the contact. A patch inside carries its nominal load times the pressure
-there over the reference pressure; outside it carries none and rises with the gap (K. L. Johnson, Contact Mechanics, 1985, 3.42 and
-4.2). What patches carry less than at the start is carried by direct contact of the first bodies.
+there over the reference pressure; outside it carries none and rises with the gap (K. L. Johnson, Contact Mechanics, 1985, 3.42
+and 4.2). What patches carry less than at the start is carried by direct contact of the first bodies.
 """
 
 import math

@@ -185,8 +185,8 @@ def max_stiffness(P, p, time):
 
 @njit(**BARE)
 def book_direct_contact(A, force, motion, old):
-    """Add a step to the totals A: impulses, and the work of friction, which the drive of the plate supplies. `force`: normal force
-    at the end of the step [N], and friction coefficient; `old`: weight of the force at its start."""
+    """Add a step to the totals A: impulses, and the work of friction, which the drive of the plate supplies. `force`: normal
+    force at the end of the step [N], and friction coefficient; `old`: weight of the force at its start."""
     normal, mu = force
     speed = math.sqrt(motion.v_x * motion.v_x + motion.v_y * motion.v_y)
     drag = mu * normal / speed if speed > 0.0 else 0.0

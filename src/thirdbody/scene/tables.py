@@ -170,7 +170,9 @@ class Plates(Part):
             return [*faults, (("contact",), "needs both plates: add [plates.lower] and [plates.upper]")]
         by_place = isinstance(entry(upper, "pressure"), Mapping | Profile)
         if by_place and (given := [key for key in ("beta", "u0") if entry(raw["contact"], key) is not None]):
-            faults.append((("contact", given[0]), "is of plates at a gap: under a pressure by place the plates carry what debris does not"))
+            faults.append(
+                (("contact", given[0]), "is of plates at a gap: under a pressure by place the plates carry what debris does not")
+            )
         if entry(upper, "support") == "load_per_particle" and not by_place:
             faults.append((("contact",), "shares the load of one plate: plates.upper.support = 'rigid' or 'foundation'"))
         if entry(upper, "gap") is not None:

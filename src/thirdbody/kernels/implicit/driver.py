@@ -73,7 +73,7 @@ def begin_steps(motion, context, island, scratch):
 
 @njit(**BARE)
 def follow_zone(b, context, space):
-    """Give the patch of body b the load at the predicted end of the step, whose error is far below a contact radius, or its rise."""
+    """Give the patch of body b its rise, or the load at the predicted end of the step, off by far less than a contact."""
     P, p, y, Z, B = context.P, context.patch[b], space.y, space.start, context.B
     # the patch is at the end of the step already, the body where the last trial left it
     dx = Z[step_start.POSITION] + y[0] - B[b, body.POSITION]

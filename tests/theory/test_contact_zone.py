@@ -1,0 +1,179 @@
+"""Pressure by place: the macroscopic contact, the loads that bodies carry in it, and what happens at its edge."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from thirdbody.assembly.contact_zone import macroscopic
+from thirdbody.engine.guards import Ledger
+from thirdbody.kernels import contact_zone as kernel
+from thirdbody.kernels.tables import patch, record, run_totals, zone
+from thirdbody.scene import model
+from thirdbody.scene.pressure import Hertz, Punch, Uniform
+
+STEEL = 210e9 / (2.0 * (1.0 - 0.3**2))  # E* of steel on steel
+MICRO, SIZE = 1e-6, 4e-4
+integrators = pytest.mark.parametrize("integrator", ["explicit", "implicit"])
+
+
+def zone_row(kind, half, radius=0.0, edge=0.0):
+    row = np.zeros(zone.WIDTH)
+    row[zone.KIND], row[zone.HALF_WIDTH], row[zone.RADIUS], row[zone.EDGE] = kind, half, radius, edge
+    return row
+
+
+@pytest.mark.parametrize("where", [1.001, 1.1, 2.0, 5.0])
+def test_the_gap_outside_is_that_of_the_displaced_half_space(where):
+    """Ball: Sneddon's displacement of a paraboloid, by quadrature; cylinder: slope of the line load, integrated twice."""
+    a, radius = 5e-5, 1e-2
+    r, depth = where * a, a * a / radius
+    # r^2/2R less the approach, plus the displacement (2/pi) integral of (depth - t^2/R)/sqrt(r^2 - t^2), t = r sin(angle) up to a
+    angle, exact = math.asin(a / r), {"epsabs": 0.0, "epsrel": 1e-12}
+    lifted = quad(lambda u: depth - (r * math.sin(u)) ** 2 / radius, 0.0, angle, **exact)[0] * 2.0 / math.pi
+    expected = r * r / (2.0 * radius) - depth + lifted
+    assert kernel.gap.py_func(r, 0.0, zone_row(kernel.BALL, a, radius)) == pytest.approx(expected, rel=1e-6, abs=1e-12 * depth)
+    assert kernel.gap.py_func(0.6 * r, 0.8 * r, zone_row(kernel.BALL, a, radius)) == pytest.approx(
+        expected, rel=1e-6, abs=1e-12 * depth
+    )
+
+    def slope(x):  # x/R less (2/pi E*) integral of p0 sqrt(1 - s^2/a^2)/(x - s), with p0 = E* a/2R
+        inner = quad(lambda u: math.sin(u) ** 2 / (x / a - math.cos(u)), 0.0, math.pi, **exact)[0]
+        return x / radius - a / (math.pi * radius) * inner
+
+    line = quad(slope, a, r, epsabs=0.0, epsrel=1e-8)[0]
+    assert kernel.gap.py_func(-r, 7.0, zone_row(kernel.CYLINDER, a, radius)) == pytest.approx(line, rel=1e-6, abs=1e-12 * depth)
+
+
+@pytest.mark.parametrize("profile", [
+    Hertz(profile="hertz", body="ball", radius=1e-2, load=0.5), Hertz(profile="hertz", body="cylinder", radius=1e-2, load=50.0),
+    Punch(profile="punch", width=(2e-4, 1e-4), edge=2e-5, load=0.5),
+])  # fmt: skip
+def test_the_pressure_carries_the_load(make, profile):
+    upper = model.UpperPlate(material="ball", support="load_per_particle", pressure=profile)
+    plates = model.Plates(lower=model.LowerPlate(material="ball"), upper=upper)
+    scene = make.scene([make.ball(MICRO, (2e-4, 2e-4, MICRO))], {"ball": make.STEEL}, plates=plates, size=SIZE,
+                       domain=model.Domain(size=(SIZE, SIZE), periodic=False))  # fmt: skip
+    contact = macroscopic(scene, STEEL)
+    kind = {"punch": kernel.PUNCH}.get(
+        profile.profile, kernel.BALL if getattr(profile, "body", "") == "ball" else kernel.CYLINDER
+    )
+    row = zone_row(kind, contact.half_width, contact.radius, getattr(profile, "edge", 0.0))
+    row[zone.HALF_WIDTH + 1] = 0.5 * profile.width[1] if kind == kernel.PUNCH else 0.0
+    n = 1000
+    x = (np.arange(n) + 0.5) / n * SIZE - 0.5 * SIZE
+    cells = sum(kernel.pressure.py_func(a, b, row) for a in x[::2] for b in x[::2]) * (2.0 * SIZE / n) ** 2
+    # cells of a hundredth of the half width: square roots at the edge leave 1e-3
+    assert contact.peak * cells == pytest.approx(profile.load, rel=2e-3)
+
+
+def rig(make, places, profile, motion=None, friction=0.3, plates=0.1, shift=0.0, **keys):
+    """Balls at places (n, 2) from the middle of the contact [m]."""
+    middle = 0.5 * SIZE + shift
+    debris = [make.ball(MICRO, (middle + x, middle + y, MICRO)) for x, y in places]
+    upper = model.UpperPlate(material="ball", support="load_per_particle", pressure=profile, motion=motion or model.Motion())
+    tables = {
+        "plates": model.Plates(lower=model.LowerPlate(material="ball"), upper=upper, contact={"friction": plates}),
+        "contact": model.Contact(level="mindlin", debris_contact="none"),
+        "solver": model.Solver(**({"duration": 1.0} | keys)),
+        "domain": model.Domain(size=(2.0 * middle, 2.0 * middle), periodic=False),
+    }
+    return make.build(make.scene(debris, {"ball": make.STEEL}, friction=friction, restitution=0.5, **tables))
+
+
+PLACES = np.array([(0.0, 0.0), (2e-5, 0.0), (-3e-5, 1e-5), (0.0, 4.5e-5), (8e-5, 0.0)])
+
+
+@integrators
+def test_a_body_at_rest_carries_the_pressure_of_its_place(make, integrator):
+    profile = Hertz(profile="hertz", body="ball", radius=1.0, load=1e-2)
+    simulation = rig(make, PLACES, profile, integrator=integrator, settle=2e-6)
+    a = macroscopic(simulation.scene, STEEL).half_width
+    square = np.sum(PLACES**2, axis=1) / a**2
+    shape = np.sqrt(np.maximum(1.0 - square, 0.0))
+    assert 0 < np.count_nonzero(shape) < len(shape)
+    expected = 1e-2 * shape / shape.sum()
+    state = simulation.state
+    assert state.P[:, patch.LOAD].sum() == pytest.approx(1e-2, rel=1e-14)
+    assert state.P[:, patch.LOAD] == pytest.approx(expected, rel=1e-9)
+    simulation.integrator.advance_to(time=2e-5)
+    force = np.zeros(len(PLACES))
+    R, slots = state.slots.R, state.slots
+    upper = slots.histories.slip > 0.0
+    for k in np.flatnonzero(upper):
+        if R[k, record.NORMAL + 2] < 0.0:
+            force[state.order[state.body[slots.own[k]]]] += R[k, record.NORMAL_FORCE]
+    assert force == pytest.approx(expected, rel=1e-6, abs=1e-15)
+
+
+@integrators
+def test_a_uniform_pressure_is_a_load_per_particle(make, integrator):
+    motion = model.Motion(x=[model.ConstantVelocity(velocity=0.5)])
+    uniform = rig(make, PLACES, Uniform(profile="uniform", load=5e-4), motion, integrator=integrator, settle=1e-6)
+    keys = {"integrator": integrator, "settle": 1e-6, "friction": 0.3, "restitution": 0.5, "size": SIZE, "periodic": False}
+    debris = [make.ball(MICRO, (0.5 * SIZE + x, 0.5 * SIZE + y, MICRO)) for x, y in PLACES]
+    single = make.under_patches(debris, {"ball": make.STEEL}, 1e-4, motion, **keys)
+    for simulation in (uniform, single):
+        simulation.integrator.advance_to(time=3e-6)
+    a, b = (s.state.A[run_totals.UPPER_FORCE3] for s in (uniform, single))
+    assert np.max(np.abs(a - b)) < 1e-14 * 5e-4
+    assert uniform.state.bodies.position == pytest.approx(single.state.bodies.position, rel=1e-14)
+
+
+@integrators
+def test_a_shifted_rig_does_the_same(make, integrator):
+    motion, paths = model.Motion(x=[model.ConstantVelocity(velocity=1.0)]), []
+    profile = Hertz(profile="hertz", body="ball", radius=1.0, load=2e-3)
+    for shift in (0.0, 1.3e-4):
+        simulation = rig(make, PLACES, profile, motion, integrator=integrator, settle=1e-6, shift=shift)
+        simulation.integrator.advance_to(time=6e-6)
+        paths.append(simulation.state.bodies.position[:, :2] - shift)
+    # rounding of places: 1e-16 of the domain, grown by contacts that close
+    assert paths[0] == pytest.approx(paths[1], abs=1e-12)
+
+
+@integrators
+def test_the_friction_of_a_rig_is_that_of_debris_and_plates(make, integrator):
+    """Rolling balls: no friction of debris; one body leaves, and the plates carry its load with their friction."""
+    motion = model.Motion(x=[model.Ramp(ramp=20.0, duration=1e-6), model.ConstantVelocity(velocity=20.0)])
+    profile = Punch(profile="punch", width=(6e-5, SIZE), edge=4e-6, load=4e-4)
+    simulation = rig(
+        make, [(-2.8e-5, 0.0), (0.0, 2e-5), (1e-5, -2e-5), (2e-5, 0.0)], profile, motion, integrator=integrator, settle=1e-6
+    )
+    state, ledger = simulation.state, Ledger(simulation.state)
+    starts = state.bodies.position[:, 0].copy()
+    for time in np.arange(1, 6) * 5e-7:
+        simulation.integrator.advance_to(time=float(time), watch=lambda: ledger.watch(state))
+        ledger.watch(state)
+        loads, direct = state.P[:, patch.LOAD].sum(), state.A[run_totals.DIRECT_FORCE3]
+        assert loads + direct[2] == pytest.approx(4e-4, rel=1e-12)
+        if state.A[run_totals.PLATE_SPEED] > 0.0:
+            assert direct[0] == pytest.approx(-0.1 * direct[2], rel=1e-9, abs=1e-15)
+    simulation.integrator.advance_to(time=5e-6)
+    ledger.watch(state)
+    assert np.count_nonzero(state.P[:, patch.FREE]) < 4 and state.A[run_totals.DIRECT_WORK] > 0.0
+    lines = ledger.lines(state)
+    assert ledger.relative_residual(state, lines["residual"]) < 2e-3
+    assert np.all(state.bodies.position[:, 0] >= starts)
+
+
+def test_a_rolling_ball_comes_back(make):
+    """At x0 + X/2 it carries the pressure of x0 - X/2, and is back at x0 after each cycle."""
+    stroke, load = 2e-5, 2e-4
+    motion = model.Motion(x=[model.Stroke(stroke=stroke, frequency=2e3)])
+    profile = Hertz(profile="hertz", body="cylinder", radius=1e3, load=load)
+    places = [(-1e-5, 0.0), (3e-5, 0.0), (0.0, 1e-5)]
+    simulation = rig(make, places, profile, motion, integrator="implicit", settle=1e-5, tolerance=1e-5)
+    state, x0 = simulation.state, 0.5 * SIZE + np.array(places)[:, 0]
+    simulation.integrator.advance_to(time=1e-5)
+    a = macroscopic(simulation.scene, STEEL).half_width
+    nominal = state.P[:, patch.NOMINAL_LOAD]
+    for part in (0.25, 0.5, 1.0):
+        simulation.integrator.advance_to(time=1e-5 + part / 2e3)
+        moved = 0.5 * stroke * (1.0 - math.cos(2.0 * math.pi * part))
+        x = state.bodies.position[:, 0]
+        # creep of a rolling contact and its start: a few contact radii of 30 nm
+        assert x == pytest.approx(x0 + 0.5 * moved, abs=2e-7)
+        place = (x - 0.5 * SIZE - moved) / a
+        assert state.P[:, patch.LOAD] == pytest.approx(nominal * np.sqrt(np.maximum(1.0 - place**2, 0.0)), rel=1e-4)
+    assert np.all(state.P[:, patch.FREE] == 1.0)
