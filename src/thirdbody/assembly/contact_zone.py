@@ -21,11 +21,10 @@ does not change the pressure of the contact (K. L. Johnson, Contact Mechanics, 1
 
 @dataclass(frozen=True)
 class Macroscopic:
-    """Contact without debris: half width and peak pressure [m, Pa], approach [m]; of a punch the mean pressure."""
+    """Contact without debris: half width [m], largest pressure [Pa], radius of the upper body [m], 0 where it is flat."""
 
     half_width: float
     peak: float
-    approach: float
     radius: float
 
 
@@ -34,17 +33,16 @@ def macroscopic(scene: Scene, modulus: float) -> Macroscopic:
     given, (l_x, l_y) = scene.plates.upper.pressure, scene.domain.size  # type: ignore[union-attr]
     if not isinstance(given, Hertz):
         x, y = given.width if isinstance(given, Punch) else (l_x, l_y)  # type: ignore[union-attr]
-        return Macroscopic(0.5 * x, given.load / (x * y), 0.0, 0.0)  # type: ignore[union-attr]
+        return Macroscopic(0.5 * x, given.load / (x * y), 0.0)  # type: ignore[union-attr]
     if given.body == "ball":
         a = (0.75 * given.load * given.radius / modulus) ** (1.0 / 3.0)
-        return Macroscopic(a, 1.5 * given.load / (math.pi * a * a), a * a / given.radius, given.radius)
+        return Macroscopic(a, 1.5 * given.load / (math.pi * a * a), given.radius)
     line = given.load / l_y
     a = math.sqrt(4.0 * line * given.radius / (math.pi * modulus))
-    # of two half-spaces the approach of a line contact has no finite value
-    return Macroscopic(a, 2.0 * line / (math.pi * a), math.nan, given.radius)
+    return Macroscopic(a, 2.0 * line / (math.pi * a), given.radius)
 
 
-def contact_zone(scene: Scene, modulus: float, places: Array, friction: float) -> tuple[Zone, Array]:
+def contact_zone(scene: Scene, modulus: float, positions: Array, friction: float) -> tuple[Zone, Array]:
     """Return the contact, and the load of each body [N].
 
     A load is the pressure at the place of the body (n, 2) [m] times its share of the domain, scaled by one factor so that all
@@ -61,11 +59,11 @@ def contact_zone(scene: Scene, modulus: float, places: Array, friction: float) -
         row[zone.HALF_WIDTH2] = np.where(widths < size, 0.5 * widths, 0.0)
     elif isinstance(given, Hertz):
         row[zone.KIND] = kernel.BALL if given.body == "ball" else kernel.CYLINDER
-    at = places - 0.5 * size
+    at = positions - 0.5 * size
     parts, gaps = (np.array([function.py_func(x, y, row) for x, y in at]) for function in (kernel.pressure, kernel.gap))
     total = float(parts.sum())
     nominal = given.load / total if total > 0.0 else 0.0  # type: ignore[union-attr]
-    return Zone(row, given.load, nominal, friction, gaps), nominal * parts  # type: ignore[union-attr]
+    return Zone(row, given.load, nominal, friction, contact.peak, gaps), nominal * parts  # type: ignore[union-attr]
 
 
 def cautions(scene: Scene, contact: Macroscopic, loads: Array, height: float, diameter: float) -> list[str]:
@@ -74,8 +72,8 @@ def cautions(scene: Scene, contact: Macroscopic, loads: Array, height: float, di
     thickness = height * contact.radius / contact.half_width**2
     if thickness > THIN:
         words.append(
-            f"debris {pretty(height, 'length')} high is {thickness:.2g} of a^2/R, the scale of the approach of the first bodies: their "
-            f"pressure holds below {THIN:g}; take a softer pair, a larger radius or load"
+            f"debris {pretty(height, 'length')} high is {thickness:.2g} of a^2/R, the scale of the approach of the first bodies: "
+            f"their pressure holds below {THIN:g}; take a softer pair, a larger radius or load"
         )
     if diameter > SMALL * contact.half_width:
         words.append(

@@ -117,7 +117,7 @@ class _Layer:
         """Return a plate with one free patch per body."""
         n, zone, loads = len(self.top), None, np.full(len(self.top), self.load)
         if isinstance(self.plate.pressure, Profile):
-            zone, loads = self._by_place()
+            zone, loads = self._by_position()
         load, mass = float(loads.max()), np.full(n, self.plate.mass or self.mass.mean())
         # a patch that carries nothing yet has the dashpot of the most loaded one
         pressed = np.full(n, load)
@@ -131,13 +131,13 @@ class _Layer:
         max_overlap = float(np.max(overlap / self.radius))
         return Upper(plate, settle, max_overlap, int(np.count_nonzero(loads)), max_overlap)
 
-    def _by_place(self) -> tuple[Zone, Array]:
+    def _by_position(self) -> tuple[Zone, Array]:
         """Return the contact of the first bodies, and the load of each body [N]."""
         scene, lower, direct = self.scene, self.scene.plates.lower, self.scene.plates.contact
         assert lower is not None
         materials = dict(zip(scene.materials, self.choice.materials, strict=True))
-        modulus, places = e_star(materials[lower.material], materials[self.plate.material]), self.placed.positions[:, :2]
-        zone, loads = contact_zone(scene, modulus, places, 0.0 if direct is None else direct.friction)
+        modulus, positions = e_star(materials[lower.material], materials[self.plate.material]), self.placed.positions[:, :2]
+        zone, loads = contact_zone(scene, modulus, positions, 0.0 if direct is None else direct.friction)
         if not np.any(loads):
             raise InputError(scene.fault(("plates", "upper", "pressure"), "no body is inside the contact"))
         largest = max(clump.diameter for clump in self.placed.clumps)

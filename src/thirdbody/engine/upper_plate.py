@@ -311,12 +311,13 @@ class Foundation:
 @dataclass(frozen=True)
 class Zone:
     """Contact of the first bodies: its table (`kernels.contact_zone`), total load [N], load of a patch under the reference
-    pressure [N], friction coefficient of the first bodies, and their gap at each patch at the start [m]."""
+    pressure [N], friction coefficient and largest pressure of the first bodies [Pa], their gap at each patch at the start [m]."""
 
     row: Array
     load: float
     nominal: float
     friction: float
+    peak: float
     gaps: Array
 
 

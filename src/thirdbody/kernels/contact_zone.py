@@ -22,7 +22,7 @@ def has_zone(context):
 
 
 @njit(**BARE)
-def place(b, context, dx, dy):
+def locate(b, context, dx, dy):
     """Return where body b is in the upper body [m], after it moves by (dx, dy) relative to it."""
     Z, B, P, p = context.zone, context.B, context.P, context.patch[b]
     x = B[b, body.POSITION] - P[p, patch.DISPLACEMENT] - Z[zone.CENTRE] + dx
@@ -70,7 +70,7 @@ def enter_or_leave(b, context):
     """Let the patch of body b follow the gap from where its load vanishes on, and its load again from there. Returns the kinetic
     energy [J] that the first body gives to the patch."""
     P, p = context.P, context.patch[b]
-    x, y = place(b, context, 0.0, 0.0)
+    x, y = locate(b, context, 0.0, 0.0)
     inside = 1.0 if pressure(x, y, context.zone) > 0.0 else 0.0
     change = inside - P[p, patch.FREE]
     P[p, patch.FREE] = inside

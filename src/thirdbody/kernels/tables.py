@@ -97,7 +97,7 @@ patch = Table(
 )
 
 zone = Table(
-    "zone",
+    "Z",
     "the contact of the first bodies, where loads follow the place",
     kind=number("", "`contact_zone.UNIFORM` and so on"),
     half_width=vector(2, "m", "half width along x and y; of a punch 0: endless"),

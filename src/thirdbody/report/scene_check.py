@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from thirdbody.granular_flow import LAYERS, inertia_verdict
-from thirdbody.kernels.tables import patch
+from thirdbody.kernels.tables import patch, zone
 from thirdbody.report.tables import Report, table
 from thirdbody.runner.outlook import memory_of, outlook
 from thirdbody.runner.simulate import check_call, debris_contact, prepare
@@ -21,6 +21,7 @@ from thirdbody.units import duration, file_size, pretty
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
+    from thirdbody.engine.upper_plate import Zone
 
 
 class Check(Report):
@@ -139,6 +140,7 @@ def _plate(built: Simulation) -> dict[str, Any] | None:
         "loaded_at_once": built.upper.loaded,
         "foundation": None if founded is None else founded.stiffness,
         "preload": 0.0 if founded is None else float(upper.load.max()),
+        "contact": None if upper.zone is None else _zone(upper.zone, float((upper.heights - upper.zone.gaps).max())),
         "direct_contact": None
         if direct is None
         else {
@@ -148,6 +150,15 @@ def _plate(built: Simulation) -> dict[str, Any] | None:
             "gap_without_debris": direct.gap(load),  # at which it alone carries the load
         },
     }
+
+
+def _zone(contact: Zone, height: float) -> dict[str, Any]:
+    """Return the contact of the first bodies, and the debris in it; `height`: of the highest body [m]."""
+    half, radius = float(contact.row[zone.HALF_WIDTH]), float(contact.row[zone.RADIUS])
+    return {
+        "load": contact.load, "half_width": half, "peak_pressure": contact.peak, "friction": contact.friction,
+        "approach_scale": half * half / radius if radius else None, "height_over_approach": height * radius / half**2,
+    }  # fmt: skip
 
 
 def _bed(built: Simulation) -> dict[str, Any] | None:
@@ -273,6 +284,13 @@ def _print_plate(report: dict[str, Any]) -> None:
         f"upper plate: {plate['support']}, {plate['patches']} patch(es), {load}{each}{carried}, "
         f"mass {plate['mass']:.3g} kg, damping {plate['damping']:.3g} kg/s{dashpots}, mean gap {pretty(plate['gap'], 'length')}"
     )
+    if contact := plate["contact"]:
+        scale = contact["approach_scale"]
+        thin = f", a^2/R {pretty(scale, 'length')}, debris {contact['height_over_approach']:.2g} of it" if scale else ""
+        print_line(
+            f"contact of the first bodies: {pretty(contact['load'], 'force')} in all, half width "
+            f"{pretty(contact['half_width'], 'length')}, largest pressure {pretty(contact['peak_pressure'], 'pressure')}{thin}"
+        )
     if direct := plate["direct_contact"]:
         pressure, length = pretty(direct["pressure_at_zero_gap"], "pressure"), pretty(direct["u0"], "length")
         alone = pretty(direct["gap_without_debris"], "length")

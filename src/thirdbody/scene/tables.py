@@ -112,12 +112,12 @@ class UpperPlate(Part):
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
         faults = one_of(raw, _LOADINGS)
-        by_place = isinstance(raw.get("pressure"), Mapping | Profile)
-        if by_place and raw.get("support") != "load_per_particle":
+        by_position = isinstance(raw.get("pressure"), Mapping | Profile)
+        if by_position and raw.get("support") != "load_per_particle":
             faults.append((("support",), "a pressure by place needs support = 'load_per_particle'"))
-        if by_place and "loading" in raw:
+        if by_position and "loading" in raw:
             faults.append((("loading",), "a pressure by place does not change with time"))
-        if raw.get("support") == "load_per_particle" and not faults and "load" not in raw and not by_place:
+        if raw.get("support") == "load_per_particle" and not faults and "load" not in raw and not by_position:
             given = next(key for key in _LOADINGS if key in raw)
             faults.append(((given,), "support = 'load_per_particle' takes a load, not a " + given))
         if "closing" in raw and "gap" not in raw:
@@ -168,12 +168,12 @@ class Plates(Part):
             return faults
         if upper is None:
             return [*faults, (("contact",), "needs both plates: add [plates.lower] and [plates.upper]")]
-        by_place = isinstance(entry(upper, "pressure"), Mapping | Profile)
-        if by_place and (given := [key for key in ("beta", "u0") if entry(raw["contact"], key) is not None]):
+        by_position = isinstance(entry(upper, "pressure"), Mapping | Profile)
+        if by_position and (given := [key for key in ("beta", "u0") if entry(raw["contact"], key) is not None]):
             faults.append(
                 (("contact", given[0]), "is of plates at a gap: under a pressure by place the plates carry what debris does not")
             )
-        if entry(upper, "support") == "load_per_particle" and not by_place:
+        if entry(upper, "support") == "load_per_particle" and not by_position:
             faults.append((("contact",), "shares the load of one plate: plates.upper.support = 'rigid' or 'foundation'"))
         if entry(upper, "gap") is not None:
             faults.append((("contact",), "shares a load, and a plate at a gap has none: give plates.upper.load or pressure"))

@@ -14,7 +14,7 @@ from thirdbody.jit.simd import broadcast, extract, load
 from thirdbody.jit.threads import DISMISSED, DONE, close_pass, count_up, load_word, next_part, open_pass, wait_again
 from thirdbody.kernels.arguments import EARLY, LATE, OBSERVATION, RUN_GROUPS, Step, context_of
 from thirdbody.kernels.bodies import BODIES, STEPS, largest_displacement, weight_of
-from thirdbody.kernels.contact_zone import enter_or_leave, gap, has_zone, place, pressure, unloaded
+from thirdbody.kernels.contact_zone import enter_or_leave, gap, has_zone, locate, pressure, unloaded
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.explicit.passes import closing_kick
 from thirdbody.kernels.plates import book_direct_contact, direct_force
@@ -74,7 +74,7 @@ def kick_patches(context, step):
             if P[p, patch.NOMINAL_LOAD] != 0.0:
                 P[p, patch.LOAD] = factor * P[p, patch.NOMINAL_LOAD]
     if has_zone(context):
-        load_by_place(context)
+        load_by_position(context)
     if plate == 0:
         P[0, patch.FORCE] = force_of_debris(context.sums) + direct_force(P, np.int64(0))
     else:
@@ -100,14 +100,14 @@ def follow_gap(context, dt):
     for b in range(context.B.shape[0]):
         P, p = context.P, context.patch[b]
         if P[p, patch.FREE] == 0.0:
-            x, y = place(b, context, 0.0, 0.0)
+            x, y = locate(b, context, 0.0, 0.0)
             P[p, patch.VELOCITY] = (P[p, patch.EDGE_HEIGHT] + gap(x, y, context.zone) - P[p, patch.HEIGHT]) / dt
 
 
 @njit(**BARE)
-def load_by_place(context):
+def load_by_position(context):
     for b in range(context.B.shape[0]):
-        x, y = place(b, context, 0.0, 0.0)
+        x, y = locate(b, context, 0.0, 0.0)
         p = context.patch[b]
         context.P[p, patch.LOAD] = context.P[p, patch.NOMINAL_LOAD] * pressure(x, y, context.zone)
 

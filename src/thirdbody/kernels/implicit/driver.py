@@ -20,7 +20,7 @@ from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS, OPTIONS, 
 from thirdbody.kernels import schedule
 from thirdbody.kernels.arguments import OBSERVE_BODIES, Motion, as_observed
 from thirdbody.kernels.bodies import place_as_it_is
-from thirdbody.kernels.contact_zone import gap, has_zone, place, pressure
+from thirdbody.kernels.contact_zone import gap, has_zone, locate, pressure
 from thirdbody.kernels.implicit import books, control, workspace
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
 from thirdbody.kernels.implicit.control import BodyStop
@@ -78,7 +78,7 @@ def follow_zone(b, context, space):
     # the patch is at the end of the step already, the body where the last trial left it
     dx = Z[step_start.POSITION] + y[0] - B[b, body.POSITION]
     dy = Z[step_start.POSITION + 1] + y[1] - B[b, body.POSITION + 1]
-    at_x, at_y = place(b, context, dx, dy)
+    at_x, at_y = locate(b, context, dx, dy)
     if P[p, patch.FREE] == 0.0:
         y[6] = P[p, patch.EDGE_HEIGHT] + gap(at_x, at_y, context.zone) - Z[step_start.PATCH_HEIGHT]
     else:
