@@ -25,12 +25,12 @@ TABLES = {
 }  # fmt: skip
 """Keys that hold nothing but tables, whose own keys are listed."""
 OF_EFFECTS = {
-    "series": {"energy_plastic", "energy_adhesion", "energy_body_effects", "scene_time"}
+    "series": {"energy_plastic", "energy_adhesion", "energy_body_effects", "scene_time", "inside", "ejected"}
     | {f"count_{reason}" for reason in REASONS},
     "bodies": {"plastic_work", "adhesion_work", "agglomerate", "scene_id"},
     "contacts": {"twist_moment", "twist_utilisation", "moment", "rolling_utilisation"},
 }  # fmt: skip
-"""Names that ask for effects, for a sample of the bodies, or for a scaled speed."""
+"""Names that ask for effects, for a sample of the bodies, for a scaled speed, or for a contact with an edge."""
 
 
 @pytest.fixture(scope="module")

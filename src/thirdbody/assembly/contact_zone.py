@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from thirdbody.assembly.schedule import schedule
 from thirdbody.engine.upper_plate import Zone
 from thirdbody.kernels import contact_zone as kernel
 from thirdbody.kernels.tables import zone
@@ -42,7 +43,7 @@ def macroscopic(scene: Scene, modulus: float) -> Macroscopic:
     return Macroscopic(a, 2.0 * line / (math.pi * a), given.radius)
 
 
-def contact_zone(scene: Scene, modulus: float, positions: Array, friction: float) -> tuple[Zone, Array]:
+def contact_zone(scene: Scene, modulus: float, positions: Array, friction: float, out: tuple[int, int]) -> tuple[Zone, Array]:
     """Return the contact, and the load of each body [N].
 
     A load is the pressure at the place of the body (n, 2) [m] times its share of the domain, scaled by one factor so that all
@@ -61,9 +62,11 @@ def contact_zone(scene: Scene, modulus: float, positions: Array, friction: float
         row[zone.KIND] = kernel.BALL if given.body == "ball" else kernel.CYLINDER
     at = positions - 0.5 * size
     parts, gaps = (np.array([function.py_func(x, y, row) for x, y in at]) for function in (kernel.pressure, kernel.gap))
-    total = float(parts.sum())
+    path, total = schedule(scene, 0.0), float(parts.sum())
+    cycles = [path.path(begin, begin + period) for begin, _, period in path.closed_paths()]
+    leave = getattr(given, "out_after", None) or (cycles[0] if cycles else 2.0 * contact.half_width)
     nominal = given.load / total if total > 0.0 else 0.0  # type: ignore[union-attr]
-    return Zone(row, given.load, nominal, friction, contact.peak, gaps), nominal * parts  # type: ignore[union-attr]
+    return Zone(row, given.load, nominal, friction, contact.peak, gaps, leave, out), nominal * parts  # type: ignore[union-attr]
 
 
 def cautions(scene: Scene, contact: Macroscopic, loads: Array, height: float, diameter: float) -> list[str]:

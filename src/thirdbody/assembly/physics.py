@@ -21,6 +21,7 @@ from thirdbody.laws.measures import Measure, compose_measures, layout_of
 from thirdbody.laws.memory import MEMORY
 from thirdbody.laws.registry import Registry
 from thirdbody.scene.model import Scene
+from thirdbody.scene.pressure import Profile
 
 MAX_CELLS = 4_000_000
 """Largest number of cells of a map: it is written with every frame, 8 bytes each."""
@@ -109,7 +110,7 @@ def compile_physics(scene: Scene, registry: Registry) -> CompiledPhysics:
         raise InputError(scene.fault(("contact", "law"), str(problem))) from None
     except Exception as problem:
         raise _not_compiled(chosen, problem) from problem
-    labeller = family.labeller or _any_labeller(registry)
+    labeller = _labeller(scene, family, registry)
     written = _for_output(scene, labeller)
     given = written or NO_LABELS
     effect_row = [x for effect in effects for x in _mixed(effect, values[effect.name])]
@@ -167,13 +168,21 @@ def law_faults(scene: Scene, registry: Registry) -> list[Fault]:
 def states_of(scene: Scene, registry: Registry) -> tuple[str, ...]:
     """Return the names of the states that a run of this scene has; none without a labeller."""
     family = registry.families.get(scene.contact.law)
-    labeller = (family.labeller if family else None) or _any_labeller(registry)
+    labeller = _labeller(scene, family, registry)
     return tuple(labeller.states) if labeller else ()
 
 
-def _any_labeller(registry: Registry) -> Labeller | None:
-    """Return a labeller for a law family without one: labels need forces and motion only, whatever the law."""
-    return next((family.labeller for family in registry.families.values() if family.labeller), None)
+def _labeller(scene: Scene, family: LawFamily | None, registry: Registry) -> Labeller | None:
+    """Return the labeller of a law family; for one without, any: labels need forces and motion only, whatever the law.
+
+    Where the pressure has an edge, it has one more state and reason, which the engine assigns.
+    """
+    any_other = next((one.labeller for one in registry.families.values() if one.labeller), None)
+    labeller = (family.labeller if family else None) or any_other
+    if labeller is None or scene.plates.upper is None or not isinstance(scene.plates.upper.pressure, Profile):
+        return labeller
+    words = dict(labeller.words or {}) | {"out": "left the contact of the first bodies", "left_contact": "outside for out_after"}
+    return replace(labeller, states=(*labeller.states, "out"), reasons=(*labeller.reasons, "left_contact"), words=words)
 
 
 def _mixed(law: Law | BodyEffect | Measure, *arguments: Any) -> Any:

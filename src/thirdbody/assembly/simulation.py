@@ -193,7 +193,7 @@ def build(
     upper = upper_plate(scene, choice, placed, warnings, rough)
     _end_settling(scene, choice, upper.settle)
     lower = None if scene.plates.lower is None else list(scene.materials).index(scene.plates.lower.material)
-    bounded = not scene.domain.periodic and lower is not None
+    bounded = not scene.domain.periodic and lower is not None and scene.domain.ends == "closed"
     world = World(scene.domain.size, scene.domain.periodic, bounded, lower, upper.plate, debris_contact)
     world, radii = with_surfaces(world, rough), np.concatenate([clump.radii for clump in placed.clumps])
     state = assemble(placed, world, choice.physics, SKIN * float(radii.mean()), order, choice.reach(float(radii.max())))

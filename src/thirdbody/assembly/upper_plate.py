@@ -135,9 +135,10 @@ class _Layer:
         """Return the contact of the first bodies, and the load of each body [N]."""
         scene, lower, direct = self.scene, self.scene.plates.lower, self.scene.plates.contact
         assert lower is not None
-        materials = dict(zip(scene.materials, self.choice.materials, strict=True))
+        materials, labeller = dict(zip(scene.materials, self.choice.materials, strict=True)), self.choice.labeller
+        out = (len(labeller.states) - 1, len(labeller.reasons) - 1) if labeller else (0, 0)
         modulus, positions = e_star(materials[lower.material], materials[self.plate.material]), self.placed.positions[:, :2]
-        zone, loads = contact_zone(scene, modulus, positions, 0.0 if direct is None else direct.friction)
+        zone, loads = contact_zone(scene, modulus, positions, 0.0 if direct is None else direct.friction, out)
         if not np.any(loads):
             raise InputError(scene.fault(("plates", "upper", "pressure"), "no body is inside the contact"))
         largest = max(clump.diameter for clump in self.placed.clumps)

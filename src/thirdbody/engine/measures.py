@@ -8,6 +8,7 @@ and at outputs; implicit ones, whose steps are long, after each step if there ar
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from thirdbody.engine.candidates import AllRows, Numbers
 from thirdbody.engine.state import Array, State
@@ -16,7 +17,7 @@ from thirdbody.jit.threads import distribute
 from thirdbody.kernels.arguments import LABEL, OBSERVE, OBSERVED, Observed
 from thirdbody.kernels.labels import label_bodies
 from thirdbody.kernels.measures import AMOUNTS, Collection, collect, deposit
-from thirdbody.kernels.tables import loaded_contact, observed_body
+from thirdbody.kernels.tables import loaded_contact, observed_body, patch
 from thirdbody.laws.measures import MEAN
 
 
@@ -106,6 +107,7 @@ def labels(state: State, drag: Array) -> Array:
 
     if isinstance(rows, AllRows):
         label(slice(None), (slots.own, slots.partner, slots.edges, slots.incidence), rows.H, rows.R)
+        out[ejected(state), :2] = zone_codes(state)
         return out
 
     def label_batch(number: int) -> None:
@@ -117,4 +119,17 @@ def labels(state: State, drag: Array) -> Array:
         label(bodies, candidates, batch.H[:n], batch.R[:n])
 
     distribute(range(len(rows.compact)), lambda: label_batch)
+    out[ejected(state), :2] = zone_codes(state)
     return out
+
+
+def ejected(state: State) -> NDArray[np.bool_]:
+    """Return which bodies have left the contact of the first bodies, (n,)."""
+    zone = None if state.world.upper is None else state.world.upper.zone
+    if zone is None:
+        return np.zeros(state.n_bodies, bool)
+    return state.P[state.patch, patch.OUTSIDE_PATH] >= zone.out_after
+
+
+def zone_codes(state: State) -> tuple[int, int]:
+    return state.world.upper.zone.out if state.world.upper is not None and state.world.upper.zone is not None else (0, 0)

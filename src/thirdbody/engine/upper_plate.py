@@ -311,7 +311,10 @@ class Foundation:
 @dataclass(frozen=True)
 class Zone:
     """Contact of the first bodies: its table (`kernels.contact_zone`), total load [N], load of a patch under the reference
-    pressure [N], friction coefficient and largest pressure of the first bodies [Pa], their gap at each patch at the start [m]."""
+    pressure [N], friction coefficient and largest pressure of the first bodies [Pa], their gap at each patch at the start [m].
+
+    A body whose patch was outside for a path of the upper body of `out_after` [m] gets the state and reason `out`.
+    """
 
     row: Array
     load: float
@@ -319,14 +322,13 @@ class Zone:
     friction: float
     peak: float
     gaps: Array
+    out_after: float
+    out: tuple[int, int] = (0, 0)
 
 
 @dataclass(frozen=True)
 class PatchedPlate:
-    """Upper plate: patches (one if it is rigid, otherwise one per body), which follow the schedule's gap unless `free`.
-
-    In a `zone` those without a load are not free: they follow the gap of the first bodies.
-    """
+    """Upper plate: patches (one if it is rigid, otherwise one per body), which follow the schedule's gap unless `free`."""
 
     material: int
     heights: Array
@@ -358,8 +360,8 @@ class PatchedPlate:
         pressed = slice(0, n) if self.foundation is None else slice(n, n + 1)
         P[pressed, patch.NOMINAL_LOAD] = P[pressed, patch.LOAD]
         if self.zone is not None:
-            P[:, patch.NOMINAL_LOAD], P[:, patch.FIRST_LOAD], P[:, patch.FREE] = self.zone.nominal, self.load, self.load > 0.0
-            P[:, patch.EDGE_HEIGHT], P[:, patch.DIRECT_FRICTION] = self.heights - self.zone.gaps, self.zone.friction
+            P[:, patch.NOMINAL_LOAD], P[:, patch.FIRST_LOAD], P[:, patch.INSIDE] = self.zone.nominal, self.load, self.load > 0.0
+            P[:, patch.DIRECT_FRICTION] = self.zone.friction
         return P
 
 

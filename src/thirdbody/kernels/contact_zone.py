@@ -1,7 +1,7 @@
 """Contact of the first bodies as a whole: its pressure by place, the gap around it, and the loads of the patches that follow.
 
-Places are those in the upper body, from the middle of the contact. A patch inside carries its nominal load times the pressure
-there over the reference pressure; outside it carries none and rises with the gap (K. L. Johnson, Contact Mechanics, 1985, 3.42
+Positions are those in the upper body, from the middle of the contact. A patch inside carries its nominal load times the pressure
+there over the reference pressure; outside it carries none and moves with the gap (K. L. Johnson, Contact Mechanics, 1985, 3.42
 and 4.2). What patches carry less than at the start is carried by direct contact of the first bodies.
 """
 
@@ -66,21 +66,22 @@ def gap(x, y, Z):
 
 
 @njit(**BARE)
-def enter_or_leave(b, context):
-    """Let the patch of body b follow the gap from where its load vanishes on, and its load again from there. Returns the kinetic
-    energy [J] that the first body gives to the patch."""
-    P, p = context.P, context.patch[b]
-    x, y = locate(b, context, 0.0, 0.0)
-    inside = 1.0 if pressure(x, y, context.zone) > 0.0 else 0.0
-    change = inside - P[p, patch.FREE]
-    P[p, patch.FREE] = inside
-    if change < 0.0:
-        P[p, patch.EDGE_HEIGHT] = P[p, patch.HEIGHT] - gap(x, y, context.zone)
-    return 0.5 * change * P[p, patch.MASS] * P[p, patch.VELOCITY] ** 2
+def load_of(b, context, at, before, after, dt):
+    """Return the load [N] on the patch of body b: that of the position `at`; outside, what moves the patch with the gap against
+    its dashpot, from the position `before` to that `after` a step: it presses a body there by no more."""
+    P, Z, p = context.P, context.zone, context.patch[b]
+    load = P[p, patch.NOMINAL_LOAD] * pressure(at[0], at[1], Z)
+    if load > 0.0 or dt == 0.0:
+        return load
+    return P[p, patch.DAMPING] * (gap(before[0], before[1], Z) - gap(after[0], after[1], Z)) / dt
 
 
 @njit(**BARE)
-def unloaded(b, context):
-    """Return by how much less the patch of body b carries than at the start [N]."""
+def book_zone(b, context, motion):
+    """Note whether body b is in the contact, and the path outside. Returns by how much less it carries than at the start [N]."""
     P, p = context.P, context.patch[b]
-    return P[p, patch.FIRST_LOAD] - P[p, patch.LOAD]
+    x, y = locate(b, context, 0.0, 0.0)
+    inside = 1.0 if pressure(x, y, context.zone) > 0.0 else 0.0
+    path = P[p, patch.OUTSIDE_PATH] + motion.dt * math.sqrt(motion.v_x * motion.v_x + motion.v_y * motion.v_y)
+    P[p, patch.INSIDE], P[p, patch.OUTSIDE_PATH] = inside, (1.0 - inside) * path
+    return P[p, patch.FIRST_LOAD] - inside * P[p, patch.LOAD]

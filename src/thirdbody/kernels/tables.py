@@ -93,7 +93,8 @@ patch = Table(
     direct_length=number("m", "change of the gap that divides that force by e"),
     direct_friction=number("", "friction coefficient of direct contact"),
     first_load=number("N", "load at the start, where loads follow the place (`zone`)"),
-    edge_height=number("m", "there: its height where it last carried a load, less the gap there"),
+    inside=number("", "there: 1: it was in the contact of the first bodies at the end of the step, 0: it was not"),
+    outside_path=number("m", "there: path of the upper body since then"),
 )
 
 zone = Table(

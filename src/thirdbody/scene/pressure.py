@@ -31,6 +31,9 @@ class Punch(Part):
     """Width of the face along x and y; one as wide as the domain is endless. Example: ["200 um", "100 um"]."""
     edge: PositiveLength
     """Length over which the pressure falls to zero around the edge. Example: "10 um"."""
+    out_after: PositiveLength | None = None
+    """Path of the upper body after which a body that stays outside the contact is `out`; by default that of a cycle of strokes,
+    else the width of the contact. Example: "100 um"."""
 
     def checks(self) -> list[Wrong]:
         return [] if self.edge <= min(self.width) else [(("edge",), "is longer than a width")]
@@ -47,6 +50,9 @@ class Hertz(Part):
     """Its radius. Example: "10 mm"."""
     load: PositiveForce
     """Load on it; of a cylinder on its length in the domain. Example: "5 N"."""
+    out_after: PositiveLength | None = None
+    """Path of the upper body after which a body that stays outside the contact is `out`; by default that of a cycle of strokes,
+    else the width of the contact. Example: "100 um"."""
 
 
 Profile = Uniform | Punch | Hertz

@@ -62,6 +62,11 @@ class Domain(Part):
     """Extent along x and y. Example: ["600 um", "400 um"]."""
     periodic: Flag = True
     """Whether bodies re-enter at the opposite side; if not, one that leaves the lower plate stops the run. Example: false."""
+    ends: Literal["closed", "open"] = "closed"
+    """"open", with periodic = false: the lower plate goes on beyond the domain. Example: "open"."""
+
+    def checks(self) -> list[Wrong]:
+        return [(("ends",), "needs periodic = false")] if self.ends == "open" and self.periodic else []
 
 
 class LowerPlate(Part):

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from thirdbody.engine.guards import Ledger, Stored
-from thirdbody.engine.measures import body_amounts, map_densities
+from thirdbody.engine.measures import body_amounts, ejected, map_densities
 from thirdbody.engine.state import State, orientations
 from thirdbody.kernels.tables import DEBRIS, body, body_extra, patch, record, run_totals, sphere
 from thirdbody.laws.contract import Labeller
@@ -178,8 +178,11 @@ class FrameMaker:
         return {"points": points}
 
     def _gap(self) -> float:
-        """Return the height of the upper plate's surface [m]: common plate, else mean over patches."""
+        """Return the height of the upper plate's surface [m]: common plate, else mean over patches, those inside a contact."""
         upper, heights = self.state.world.upper, self.state.P[:, patch.HEIGHT]
+        if upper is not None and upper.zone is not None:
+            inside = self.state.P[:, patch.INSIDE] > 0.0
+            return float(heights[inside].mean()) if inside.any() else np.nan
         return np.nan if upper is None else float(np.mean(heights) if upper.foundation is None else heights[-1])
 
     def _mean_forces(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -218,7 +221,7 @@ class FrameMaker:
         if plate is not None and (plate.direct is not None or plate.zone is not None):
             series |= {"direct_force": direct, "load_share_debris": float(upper[2] / both[2]) if both[2] > 0.0 else np.nan}
         if plate is not None and plate.zone is not None:
-            series["inside"] = np.count_nonzero(s.P[:, patch.FREE])
+            series |= {"inside": np.count_nonzero(s.P[:, patch.INSIDE]), "ejected": np.count_nonzero(ejected(s))}
         if dragged:
             series["drag_work"] = s.A[run_totals.DRAG_WORK]
         if has_accommodation(s, self.drag):

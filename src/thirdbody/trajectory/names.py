@@ -54,6 +54,7 @@ SERIES = {
     "loaded": Name("1", "Number of bodies that carry load."),
     "active": Name("1", "Fraction of bodies that are pressed from above and from below."),
     "direct_force": Name("N", "Force of direct contact on the upper plate, as `upper_force`; only with `plates.contact`."),
+    "ejected": Name("1", "Number of bodies that are `out` (`out_after`); only with a pressure by place."),
     "inside": Name("1", "Number of bodies in the contact of the first bodies; only with a pressure by place."),
     "load_share_debris": Name("1", "Part of the load that debris carries; NaN without load; only with `plates.contact`."),
     "accommodation_upper_slip": Name("m/s", "Part of the upper plate's speed taken up by slip at its contacts."),

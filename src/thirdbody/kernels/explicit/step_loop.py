@@ -14,13 +14,13 @@ from thirdbody.jit.simd import broadcast, extract, load
 from thirdbody.jit.threads import DISMISSED, DONE, close_pass, count_up, load_word, next_part, open_pass, wait_again
 from thirdbody.kernels.arguments import EARLY, LATE, OBSERVATION, RUN_GROUPS, Step, context_of
 from thirdbody.kernels.bodies import BODIES, STEPS, largest_displacement, weight_of
-from thirdbody.kernels.contact_zone import enter_or_leave, gap, has_zone, locate, pressure, unloaded
+from thirdbody.kernels.contact_zone import book_zone, has_zone, load_of, locate
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.explicit.passes import closing_kick
 from thirdbody.kernels.plates import book_direct_contact, direct_force
 from thirdbody.kernels.schedule import GAP, LOAD, X, Y, mean_rate, pass_time, value
 from thirdbody.kernels.step_tables import chunk_motion, contact_sums
-from thirdbody.kernels.tables import body_extra, domain, patch, run_totals
+from thirdbody.kernels.tables import body, body_extra, domain, patch, run_totals
 
 
 class Stop(IntEnum):
@@ -74,7 +74,7 @@ def kick_patches(context, step):
             if P[p, patch.NOMINAL_LOAD] != 0.0:
                 P[p, patch.LOAD] = factor * P[p, patch.NOMINAL_LOAD]
     if has_zone(context):
-        load_by_position(context)
+        load_by_position(context, step)
     if plate == 0:
         P[0, patch.FORCE] = force_of_debris(context.sums) + direct_force(P, np.int64(0))
     else:
@@ -96,32 +96,22 @@ def kick_patches(context, step):
 
 
 @njit(**BARE)
-def follow_gap(context, dt):
-    for b in range(context.B.shape[0]):
-        P, p = context.P, context.patch[b]
-        if P[p, patch.FREE] == 0.0:
-            x, y = locate(b, context, 0.0, 0.0)
-            P[p, patch.VELOCITY] = (P[p, patch.EDGE_HEIGHT] + gap(x, y, context.zone) - P[p, patch.HEIGHT]) / dt
+def load_by_position(context, step):
+    """Set the loads of the patches at the end of a step; outside the contact by the gap that is one step ahead."""
+    P, B = context.P, context.B
+    for b in range(B.shape[0]):
+        v_x, v_y, now = B[b, body.VELOCITY] - step.v_x, B[b, body.VELOCITY + 1] - step.v_y, locate(b, context, 0.0, 0.0)
+        after = locate(b, context, step.dt * v_x, step.dt * v_y)
+        P[context.patch[b], patch.LOAD] = load_of(b, context, now, now, after, step.dt)
 
 
 @njit(**BARE)
-def load_by_position(context):
+def book_zones(A, context, step):
+    """Book what direct contact carries instead of debris that left the contact of the first bodies."""
+    force = 0.0
     for b in range(context.B.shape[0]):
-        x, y = locate(b, context, 0.0, 0.0)
-        p = context.patch[b]
-        context.P[p, patch.LOAD] = context.P[p, patch.NOMINAL_LOAD] * pressure(x, y, context.zone)
-
-
-@njit(**BARE)
-def leave_zone(A, context, step):
-    """Book what direct contact carries, and let patches enter and leave the contact of the first bodies."""
-    P, force, given = context.P, 0.0, 0.0
-    for b in range(context.B.shape[0]):
-        force += unloaded(b, context)
-        given += enter_or_leave(b, context)
-    A[run_totals.PLATE_WORK] += given
-    A[run_totals.PLATE_WORK_SIZE] += abs(given)
-    book_direct_contact(A, (force, P[0, patch.DIRECT_FRICTION]), step, 0.5)
+        force += book_zone(b, context, step)
+    book_direct_contact(A, (force, context.P[0, patch.DIRECT_FRICTION]), step, 0.5)
 
 
 @njit(**BARE)
@@ -164,7 +154,7 @@ def update_ledger(context, step):
     if P[plate, patch.DIRECT_PREFACTOR] != 0.0:
         book_direct_contact(whole, (direct_force(P, plate), P[plate, patch.DIRECT_FRICTION]), step, 0.5)
     if has_zone(context):
-        leave_zone(whole, context, step)
+        book_zones(whole, context, step)
     pass_time(A, step.dt, step.v_x, step.v_y)
     steps, weights = np.int64(A[run_totals.STEPS]) % STEPS, 0.0
     for k in range(steps):
@@ -318,8 +308,6 @@ def advance(budget, until, distance, dt, threads, packed):
         sampled = context.labels != 0 and (np.int64(A[run_totals.STEPS]) + 1) % context.stride == 0
         turn = dt * weight_of(np.int64(A[run_totals.STEPS]))
         step = Step(np.int64(n + 1), sampled or last or n == budget - 1, A[run_totals.TIME] + dt, dt, v_x, v_y, pending, turn)
-        if has_zone(context) and dt > 0.0:
-            follow_gap(context, dt)
         patch_path = drift_patches(context.P, schedule, first, A[run_totals.TIME], step)
         for task in range(EARLY, OBSERVATION + 1):
             if task == OBSERVATION:

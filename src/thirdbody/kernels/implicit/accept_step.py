@@ -8,7 +8,7 @@ from numba import njit
 from thirdbody.jit.options import BARE
 from thirdbody.kernels.books import normal_loss_of
 from thirdbody.kernels.contact_geometry import add_gradient_force, force_and_torques
-from thirdbody.kernels.contact_zone import enter_or_leave, has_zone, unloaded
+from thirdbody.kernels.contact_zone import book_zone, has_zone
 from thirdbody.kernels.height_field import has_heights
 from thirdbody.kernels.implicit import books
 from thirdbody.kernels.implicit.contact import product
@@ -197,15 +197,6 @@ def reject_step(context, b, space):
 
 
 @njit(**BARE)
-def leave_zone(context, b, motion):
-    """Book what direct contact carries instead of body b, and let its patch enter or leave the contact of the first bodies."""
-    A, given = context.totals[b], context.settings[step_settings.INERTIAL] * enter_or_leave(b, context)
-    A[run_totals.PLATE_WORK] += given
-    A[run_totals.PLATE_WORK_SIZE] += abs(given)
-    book_direct_contact(A, (unloaded(b, context), context.P[context.patch[b], patch.DIRECT_FRICTION]), motion, 0.5)
-
-
-@njit(**BARE)
 def accept_step(context, b, m, motion, common, space):
     Z, T, B, E, dt = space.start, context.memory[b], context.B, context.E, motion.dt
     for k in range(contact_sums.WIDTH):
@@ -224,7 +215,8 @@ def accept_step(context, b, m, motion, common, space):
     update_ledger(context, b, motion, (stored - T[step_memory.STORED], damped), common, space)
     remember_step(context, b, dt, space)
     if has_zone(context):
-        leave_zone(context, b, motion)
+        force = book_zone(b, context, motion), context.P[context.patch[b], patch.DIRECT_FRICTION]
+        book_direct_contact(context.totals[b], force, motion, 0.5)
     update_rough(STAGE.ACCEPT, b, context)
     T[step_memory.STORED] = stored
     T[step_memory.MAX_ENERGY] = max(T[step_memory.MAX_ENERGY], books.total_storable_energy(m, space))

@@ -20,7 +20,7 @@ from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS, OPTIONS, 
 from thirdbody.kernels import schedule
 from thirdbody.kernels.arguments import OBSERVE_BODIES, Motion, as_observed
 from thirdbody.kernels.bodies import place_as_it_is
-from thirdbody.kernels.contact_zone import gap, has_zone, locate, pressure
+from thirdbody.kernels.contact_zone import has_zone, load_of, locate
 from thirdbody.kernels.implicit import books, control, workspace
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
 from thirdbody.kernels.implicit.control import BodyStop
@@ -68,21 +68,18 @@ def begin_steps(motion, context, island, scratch):
             Z[step_start.PLATE_HEIGHT], Z[step_start.PLATE_DISPLACEMENT] = height, displacement
         control.begin_step(context, b, displacement, motion, space)
         if has_zone(context):
-            follow_zone(b, context, space)
+            predict_load(b, motion, context, space)
 
 
 @njit(**BARE)
-def follow_zone(b, context, space):
-    """Give the patch of body b its rise, or the load at the predicted end of the step, off by far less than a contact."""
-    P, p, y, Z, B = context.P, context.patch[b], space.y, space.start, context.B
+def predict_load(b, motion, context, space):
+    """Set the load of the patch of body b at the predicted end of the step, whose position is off by far less than a contact."""
+    y, Z, B = space.y, space.start, context.B
     # the patch is at the end of the step already, the body where the last trial left it
-    dx = Z[step_start.POSITION] + y[0] - B[b, body.POSITION]
-    dy = Z[step_start.POSITION + 1] + y[1] - B[b, body.POSITION + 1]
-    at_x, at_y = locate(b, context, dx, dy)
-    if P[p, patch.FREE] == 0.0:
-        y[6] = P[p, patch.EDGE_HEIGHT] + gap(at_x, at_y, context.zone) - Z[step_start.PATCH_HEIGHT]
-    else:
-        P[p, patch.LOAD] = P[p, patch.NOMINAL_LOAD] * pressure(at_x, at_y, context.zone)
+    dx, dy = Z[step_start.POSITION] - B[b, body.POSITION], Z[step_start.POSITION + 1] - B[b, body.POSITION + 1]
+    before = locate(b, context, dx + motion.dt * motion.v_x, dy + motion.dt * motion.v_y)
+    after = locate(b, context, dx + y[0], dy + y[1])
+    context.P[context.patch[b], patch.LOAD] = load_of(b, context, after, before, after, motion.dt)
 
 
 @njit(**BARE_CHUNK)
