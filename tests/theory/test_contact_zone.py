@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import quad
+import thirdbody
 from thirdbody.assembly.contact_zone import macroscopic
 from thirdbody.engine.guards import Ledger
 from thirdbody.kernels import contact_zone as kernel
@@ -194,3 +195,57 @@ def test_what_the_upper_body_leaves_behind_is_out(make, integrator):
         assert np.count_nonzero(simulation.state.P[:, patch.INSIDE]) == inside
         assert np.count_nonzero(labels == len(simulation.labeller.states) - 1) == out
     assert simulation.state.A[run_totals.DIRECT_FORCE + 2] == pytest.approx(4e-4, rel=1e-14)
+
+
+PUNCH_SCENE = """\
+scene = 1
+title = "debris under a flat punch"
+domain = {size = ["120 um", "40 um"], periodic = false, ends = "open"}
+[materials.steel]
+youngs_modulus = "210 GPa"
+poisson_ratio = 0.3
+density = "7850 kg/m3"
+[[pairs]]
+between = ["steel", "steel"]
+friction = 0.3
+restitution = 0.6
+[[debris]]
+material = "steel"
+kind = "irregular"
+count = 60
+spheres = [4, 8]
+aspect = [1.0, 0.8, 0.6]
+size = {distribution = "lognormal", median = "2 um", sigma = 0.1, min = "1.5 um", max = "3 um"}
+[plates.lower]
+material = "steel"
+[plates.upper]
+material = "steel"
+support = "load_per_particle"
+pressure = {profile = "punch", width = ["60 um", "40 um"], edge = "4 um", load = "2 mN", out_after = "10 um"}
+motion = {x = {stroke = "20 um", frequency = "5 kHz"}}
+[plates.contact]
+friction = 0.1
+[contact]
+debris_contact = "none"
+[solver]
+duration = "100 us"
+[output]
+every = "5 us"
+"""
+
+
+@pytest.mark.full(kind="slow")
+def test_both_integrators_agree_on_a_rig(tmp_path):
+    """Half a cycle of a rig in which inertia is small, 60 clumps. Labels of both differ where bodies tip, as between the plates
+    (`tests/scenes/test_both_integrators.py`)."""
+    runs = []
+    for integrator in ("implicit", "explicit"):
+        scene = model.Scene.parse(PUNCH_SCENE).with_settings({"solver.integrator": integrator})
+        runs.append(thirdbody.run(scene, out=tmp_path / integrator))
+    one, other = runs
+    assert np.mean(one.states == other.states) > 0.95
+    ejected = [run.series["ejected"][-1] for run in runs]
+    assert ejected[0] > 5 and abs(ejected[0] - ejected[1]) <= 0.03 * 60
+    friction = [np.mean(run.series["friction_coefficient"][2:]) for run in runs]
+    assert friction[0] == pytest.approx(friction[1], rel=0.01)
+    assert max(run.summary()["energy_residual"] for run in runs) < 1e-3

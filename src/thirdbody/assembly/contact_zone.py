@@ -20,6 +20,10 @@ THIN, SMALL = 0.2, 0.1
 does not change the pressure of the contact (K. L. Johnson, Contact Mechanics, 1985, chapter 4: half-spaces)."""
 
 
+WHOLE = 1.0 - 1e-4
+"""Path of a cycle over its length from which it counts as whole: steps sum it up to 1e-6, and frames are at its end."""
+
+
 @dataclass(frozen=True)
 class Macroscopic:
     """Contact without debris: half width [m], largest pressure [Pa], radius of the upper body [m], 0 where it is flat."""
@@ -64,7 +68,7 @@ def contact_zone(scene: Scene, modulus: float, positions: Array, friction: float
     parts, gaps = (np.array([function.py_func(x, y, row) for x, y in at]) for function in (kernel.pressure, kernel.gap))
     path, total = schedule(scene, 0.0), float(parts.sum())
     cycles = [path.path(begin, begin + period) for begin, _, period in path.closed_paths()]
-    leave = getattr(given, "out_after", None) or (cycles[0] if cycles else 2.0 * contact.half_width)
+    leave = getattr(given, "out_after", None) or (WHOLE * cycles[0] if cycles else 2.0 * contact.half_width)
     nominal = given.load / total if total > 0.0 else 0.0  # type: ignore[union-attr]
     return Zone(row, given.load, nominal, friction, contact.peak, gaps, leave, out), nominal * parts  # type: ignore[union-attr]
 
