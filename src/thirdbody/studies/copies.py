@@ -22,6 +22,7 @@ from thirdbody.runner.measurements import is_bed
 from thirdbody.runner.outlook import expected_integration
 from thirdbody.runner.simulate import prepare, set_threads
 from thirdbody.scene.model import Scene
+from thirdbody.scene.pressure import Profile
 from thirdbody.scene.output import STORED
 from thirdbody.scene.tables import IMPLICIT_KEYS
 from thirdbody.studies.point import Point
@@ -190,7 +191,8 @@ def thin(scene: Scene, bodies: int, fraction: float, fewest: int = FEWEST) -> di
     """
     upper, carried = scene.plates.upper, dict[str, str]()
     drawn = all(getattr(debris, "count", None) and getattr(debris, "placement", "") for debris in scene.debris)
-    if fraction >= 1.0 or bodies <= fewest or not drawn:
+    edge = upper is not None and isinstance(upper.pressure, Profile)  # in a smaller domain the same contact would be another
+    if fraction >= 1.0 or bodies <= fewest or not drawn or edge:
         return {}
     if upper is not None and upper.support != "load_per_particle" and upper.gap is None:
         if upper.loading is not None and upper.pressure is None:
