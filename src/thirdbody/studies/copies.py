@@ -22,8 +22,8 @@ from thirdbody.runner.measurements import is_bed
 from thirdbody.runner.outlook import expected_integration
 from thirdbody.runner.simulate import prepare, set_threads
 from thirdbody.scene.model import Scene
-from thirdbody.scene.pressure import Profile
 from thirdbody.scene.output import STORED
+from thirdbody.scene.pressure import Profile
 from thirdbody.scene.tables import IMPLICIT_KEYS
 from thirdbody.studies.point import Point
 from thirdbody.studies.timing import bare, rate
