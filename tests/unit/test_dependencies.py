@@ -154,6 +154,6 @@ def test_nothing_is_collected_within_and_all_of_it_after():
         with paused("another one within it"):
             pass
         assert not gc.isenabled() and dropped() is not None
-    assert gc.isenabled() and gc.get_freeze_count() == kept
+    assert gc.isenabled() and gc.get_freeze_count() <= kept  # some of what is kept may be freed by its references
     gc.collect()
     assert dropped() is None
