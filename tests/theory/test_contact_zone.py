@@ -1,19 +1,20 @@
-"""Pressure by place: the macroscopic contact, the loads that bodies carry in it, and what happens at its edge."""
+"""Pressure profiles: the macroscopic contact, the loads that bodies carry in it, and what happens at its edge."""
 
 import math
 
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from steel import STEEL
 import thirdbody
-from thirdbody.assembly.contact_zone import macroscopic
+from thirdbody.assembly.contact_zone import contact_zone, hertz_contact
 from thirdbody.engine.guards import Ledger
 from thirdbody.kernels import contact_zone as kernel
 from thirdbody.kernels.tables import patch, record, run_totals, zone
 from thirdbody.scene import model
 from thirdbody.scene.pressure import Hertz, Punch, Uniform
 
-STEEL = 210e9 / (2.0 * (1.0 - 0.3**2))  # E* of steel on steel
+MODULUS = 210e9 / (2.0 * (1.0 - 0.3**2))  # E* of steel on steel
 MICRO, SIZE = 1e-6, 4e-4
 integrators = pytest.mark.parametrize("integrator", ["explicit", "implicit"])
 
@@ -55,12 +56,8 @@ def test_the_pressure_carries_the_load(make, profile):
     plates = model.Plates(lower=model.LowerPlate(material="ball"), upper=upper)
     scene = make.scene([make.ball(MICRO, (2e-4, 2e-4, MICRO))], {"ball": make.STEEL}, plates=plates, size=SIZE,
                        domain=model.Domain(size=(SIZE, SIZE), periodic=False))  # fmt: skip
-    contact = macroscopic(scene, STEEL)
-    kind = {"punch": kernel.PUNCH}.get(
-        profile.profile, kernel.BALL if getattr(profile, "body", "") == "ball" else kernel.CYLINDER
-    )
-    row = zone_row(kind, contact.half_width, contact.radius, getattr(profile, "edge", 0.0))
-    row[zone.HALF_WIDTH + 1] = 0.5 * profile.width[1] if kind == kernel.PUNCH else 0.0
+    contact = contact_zone(scene, profile, MODULUS, np.full((1, 2), 0.5 * SIZE))[0]
+    row = contact.row
     n = 1000
     x = (np.arange(n) + 0.5) / n * SIZE - 0.5 * SIZE
     cells = sum(kernel.pressure.py_func(a, b, row) for a in x[::2] for b in x[::2]) * (2.0 * SIZE / n) ** 2
@@ -89,7 +86,7 @@ PLACES = np.array([(0.0, 0.0), (2e-5, 0.0), (-3e-5, 1e-5), (0.0, 4.5e-5), (8e-5,
 def test_a_body_at_rest_carries_the_pressure_of_its_place(make, integrator):
     profile = Hertz(profile="hertz", body="ball", radius=1.0, load=1e-2)
     simulation = rig(make, PLACES, profile, integrator=integrator, settle=2e-6)
-    a = macroscopic(simulation.scene, STEEL).half_width
+    a = hertz_contact(profile, SIZE, MODULUS)[0]
     square = np.sum(PLACES**2, axis=1) / a**2
     shape = np.sqrt(np.maximum(1.0 - square, 0.0))
     assert 0 < np.count_nonzero(shape) < len(shape)
@@ -167,7 +164,7 @@ def test_a_rolling_ball_comes_back(make):
     simulation = rig(make, places, profile, motion, integrator="implicit", settle=1e-5, tolerance=1e-5)
     state, x0 = simulation.state, 0.5 * SIZE + np.array(places)[:, 0]
     simulation.integrator.advance_to(time=1e-5)
-    a = macroscopic(simulation.scene, STEEL).half_width
+    a = hertz_contact(profile, SIZE, MODULUS)[0]
     nominal = state.P[:, patch.NOMINAL_LOAD]
     for part in (0.25, 0.5, 1.0):
         simulation.integrator.advance_to(time=1e-5 + part / 2e3)
@@ -197,32 +194,24 @@ def test_what_the_upper_body_leaves_behind_is_out(make, integrator):
     assert simulation.state.A[run_totals.DIRECT_FORCE + 2] == pytest.approx(4e-4, rel=1e-14)
 
 
-PUNCH_SCENE = """\
-scene = 1
-title = "debris under a flat punch"
-domain = {size = ["120 um", "40 um"], periodic = false, ends = "open"}
-[materials.steel]
-youngs_modulus = "210 GPa"
-poisson_ratio = 0.3
-density = "7850 kg/m3"
-[[pairs]]
-between = ["steel", "steel"]
-friction = 0.3
-restitution = 0.6
+PUNCH_SCENE = f"""{STEEL}[domain]
+size = ["120 um", "40 um"]
+periodic = false
+ends = "open"
 [[debris]]
 material = "steel"
 kind = "irregular"
 count = 60
 spheres = [4, 8]
 aspect = [1.0, 0.8, 0.6]
-size = {distribution = "lognormal", median = "2 um", sigma = 0.1, min = "1.5 um", max = "3 um"}
+size = {{distribution = "lognormal", median = "2 um", sigma = 0.1, min = "1.5 um", max = "3 um"}}
 [plates.lower]
 material = "steel"
 [plates.upper]
 material = "steel"
 support = "load_per_particle"
-pressure = {profile = "punch", width = ["60 um", "40 um"], edge = "4 um", load = "2 mN", out_after = "10 um"}
-motion = {x = {stroke = "20 um", frequency = "5 kHz"}}
+pressure = {{profile = "punch", width = ["60 um", "40 um"], edge = "4 um", load = "2 mN", out_after = "10 um"}}
+motion = {{x = {{stroke = "20 um", frequency = "5 kHz"}}}}
 [plates.contact]
 friction = 0.1
 [contact]

@@ -154,6 +154,7 @@ def test_nothing_is_collected_within_and_all_of_it_after():
         with paused("another one within it"):
             pass
         assert not gc.isenabled() and dropped() is not None
-    assert gc.isenabled() and gc.get_freeze_count() <= kept  # some of what is kept may be freed by its references
+    # nothing more is kept, and nothing let go: of some 1e6 objects a few may be freed by their references meanwhile
+    assert gc.isenabled() and kept - 10 <= gc.get_freeze_count() <= kept
     gc.collect()
     assert dropped() is None

@@ -288,7 +288,7 @@ def test_stages_follow_each_other_the_last_load_stays_and_the_largest_is_foresee
     rising = Schedule(load=(Segment(0.0, POLYNOMIAL, 1.0), Segment(3.0, POLYNOMIAL, 1.0, 2.0)))  # in the mean 1.5 from 2 s to 4 s
     for given, ratio in ((Schedule(), 1.2), (rising, 0.8)):
         assert _load_ratio(
-            SimpleNamespace(state=SimpleNamespace(P=P, time=4.0, world=SimpleNamespace(upper=None)), schedule=given), loop
+            SimpleNamespace(state=SimpleNamespace(P=P, time=4.0, world=SimpleNamespace(zone=None)), schedule=given), loop
         ) == pytest.approx(ratio)
 
 

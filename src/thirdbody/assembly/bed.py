@@ -22,7 +22,6 @@ from thirdbody.laws.contract import BodyEffect, Law
 from thirdbody.laws.hertz import e_star
 from thirdbody.scene.checks import ALONE, NO_BED, RESTS
 from thirdbody.scene.model import Scene
-from thirdbody.scene.pressure import Profile
 from thirdbody.scene.speed import at_speed
 from thirdbody.schema.parts import Location
 from thirdbody.units import DIMENSIONS
@@ -88,7 +87,7 @@ class Bed(NamedTuple):
 
 def bed_of(scene: Scene, choice: CompiledPhysics, placed: Placed) -> Bed | None:
     """Return the bed of a scene whose bodies meet; None without an upper plate, or where its pressure has an edge."""
-    if scene.plates.upper is None or isinstance(scene.plates.upper.pressure, Profile):
+    if scene.plates.upper is None or scene.plates.upper.profile is not None:
         return None
     volumes = np.array([clump.volume for clump in placed.clumps])
     diameters, solid = np.cbrt(6.0 / math.pi * volumes), float(volumes.sum())

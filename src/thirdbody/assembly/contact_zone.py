@@ -1,7 +1,6 @@
-"""Contact of the first bodies as a whole: half width, peak pressure, loads of bodies by place, and where the theory holds."""
+"""Contact of the first bodies as a whole: half width, peak pressure, loads of bodies by position, and where the theory holds."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,7 +9,7 @@ from thirdbody.engine.upper_plate import Zone
 from thirdbody.kernels import contact_zone as kernel
 from thirdbody.kernels.tables import zone
 from thirdbody.scene.model import Scene
-from thirdbody.scene.pressure import Hertz, Punch
+from thirdbody.scene.pressure import Hertz, Profile, Punch
 from thirdbody.units import pretty
 
 Array = np.ndarray
@@ -19,73 +18,60 @@ THIN, SMALL = 0.2, 0.1
 """Largest height of the debris over the approach scale a^2/R of the first bodies, and diameter over half width, for which debris
 does not change the pressure of the contact (K. L. Johnson, Contact Mechanics, 1985, chapter 4: half-spaces)."""
 
-
 WHOLE = 1.0 - 1e-4
 """Path of a cycle over its length from which it counts as whole: steps sum it up to 1e-6, and frames are at its end."""
 
 
-@dataclass(frozen=True)
-class Macroscopic:
-    """Contact without debris: half width [m], largest pressure [Pa], radius of the upper body [m], 0 where it is flat."""
-
-    half_width: float
-    peak: float
-    radius: float
-
-
-def macroscopic(scene: Scene, modulus: float) -> Macroscopic:
-    """Return the contact of the first bodies, of effective modulus E* [Pa]. K. L. Johnson, Contact Mechanics, 3.42, 4.43."""
-    given, (l_x, l_y) = scene.plates.upper.pressure, scene.domain.size  # type: ignore[union-attr]
-    if not isinstance(given, Hertz):
-        x, y = given.width if isinstance(given, Punch) else (l_x, l_y)  # type: ignore[union-attr]
-        return Macroscopic(0.5 * x, given.load / (x * y), 0.0)  # type: ignore[union-attr]
+def hertz_contact(given: Hertz, width: float, modulus: float) -> tuple[float, float]:
+    """Return half width [m] and largest pressure [Pa] without debris, for an effective modulus E* [Pa]; `width`: of the domain
+    along a cylinder. K. L. Johnson, Contact Mechanics, 1985: ball 4.22, 4.24; cylinder 4.43, 4.45."""
     if given.body == "ball":
         a = (0.75 * given.load * given.radius / modulus) ** (1.0 / 3.0)
-        return Macroscopic(a, 1.5 * given.load / (math.pi * a * a), given.radius)
-    line = given.load / l_y
+        return a, 1.5 * given.load / (math.pi * a * a)
+    line = given.load / width
     a = math.sqrt(4.0 * line * given.radius / (math.pi * modulus))
-    return Macroscopic(a, 2.0 * line / (math.pi * a), given.radius)
+    return a, 2.0 * line / (math.pi * a)
 
 
-def contact_zone(scene: Scene, modulus: float, positions: Array, friction: float, out: tuple[int, int]) -> tuple[Zone, Array]:
-    """Return the contact, and the load of each body [N].
+def contact_zone(scene: Scene, given: Profile, modulus: float, positions: Array) -> tuple[Zone, Array]:
+    """Return the contact for an effective modulus E* [Pa], and the load of each body [N].
 
-    A load is the pressure at the place of the body (n, 2) [m] times its share of the domain, scaled by one factor so that all
+    A load is the pressure at the position of the body (n, 2) [m] times its share of the domain, scaled by one factor so that all
     bodies carry the whole load.
     """
-    given, size = scene.plates.upper.pressure, np.array(scene.domain.size)  # type: ignore[union-attr]
-    contact, row = macroscopic(scene, modulus), np.zeros(zone.WIDTH)
-    row[zone.KIND] = kernel.UNIFORM
-    row[zone.HALF_WIDTH], row[zone.RADIUS] = contact.half_width, contact.radius
-    row[zone.CENTRE2], row[zone.PERIOD2] = 0.5 * size, size if scene.domain.periodic else 0.0
-    if isinstance(given, Punch):
-        widths = np.array(given.width)
-        row[zone.KIND], row[zone.EDGE] = kernel.PUNCH, given.edge
-        row[zone.HALF_WIDTH2] = np.where(widths < size, 0.5 * widths, 0.0)
-    elif isinstance(given, Hertz):
-        row[zone.KIND] = kernel.BALL if given.body == "ball" else kernel.CYLINDER
+    size, row = np.array(scene.domain.size), np.zeros(zone.WIDTH)
+    row[zone.KIND], row[zone.CENTRE2] = kernel.UNIFORM, 0.5 * size
+    if isinstance(given, Hertz):
+        half, peak = hertz_contact(given, float(size[1]), modulus)
+        row[zone.KIND], row[zone.RADIUS] = kernel.BALL if given.body == "ball" else kernel.CYLINDER, given.radius
+        row[zone.HALF_WIDTH] = half
+    else:
+        widths = np.array(given.width) if isinstance(given, Punch) else size
+        half, peak = 0.5 * float(widths[0]), given.load / float(widths[0] * widths[1])
+        if isinstance(given, Punch):
+            row[zone.KIND], row[zone.EDGE] = kernel.PUNCH, given.edge
+            row[zone.HALF_WIDTH2] = np.where(widths < size, 0.5 * widths, 0.0)
     at = positions - 0.5 * size
     parts, gaps = (np.array([function.py_func(x, y, row) for x, y in at]) for function in (kernel.pressure, kernel.gap))
     path, total = schedule(scene, 0.0), float(parts.sum())
     cycles = [path.path(begin, begin + period) for begin, _, period in path.closed_paths()]
-    leave = getattr(given, "out_after", None) or (WHOLE * cycles[0] if cycles else 2.0 * contact.half_width)
-    nominal = given.load / total if total > 0.0 else 0.0  # type: ignore[union-attr]
-    return Zone(row, given.load, nominal, friction, contact.peak, gaps, leave, out), nominal * parts  # type: ignore[union-attr]
+    leave = getattr(given, "out_after", None) or (WHOLE * cycles[0] if cycles else 2.0 * half)
+    nominal = given.load / total if total > 0.0 else 0.0
+    return Zone(row, given.load, half, peak, nominal, gaps, leave), nominal * parts
 
 
-def cautions(scene: Scene, contact: Macroscopic, loads: Array, height: float, diameter: float) -> list[str]:
+def cautions(contact: Zone, loads: Array, height: float, diameter: float) -> list[str]:
     """Return warnings where debris of this height and diameter [m] is not thin and small in the contact, or few bodies are."""
     words, inside = [], int(np.count_nonzero(loads))
-    thickness = height * contact.radius / contact.half_width**2
-    if thickness > THIN:
+    if height > THIN * contact.approach_scale:
         words.append(
-            f"debris {pretty(height, 'length')} high is {thickness:.2g} of a^2/R, the scale of the approach of the first bodies: "
-            f"their pressure holds below {THIN:g}; take a softer pair, a larger radius or load"
+            f"debris {pretty(height, 'length')} high is {height / contact.approach_scale:.2g} of a^2/R, the scale of the "
+            f"approach of the first bodies: their pressure holds below {THIN:g}; take a softer pair, a larger radius or load"
         )
     if diameter > SMALL * contact.half_width:
         words.append(
             f"debris of {pretty(diameter, 'length')} is {diameter / contact.half_width:.2g} of the half width of the contact, "
-            f"{pretty(contact.half_width, 'length')}: the pressure by place holds for less than {SMALL:g}"
+            f"{pretty(contact.half_width, 'length')}: the pressure profile holds below {SMALL:g}"
         )
     if 3 * inside < len(loads):
         words.append(f"{inside} of {len(loads)} bodies are in the contact at the start: fewer than a third")

@@ -21,7 +21,6 @@ from thirdbody.laws.measures import Measure, compose_measures, layout_of
 from thirdbody.laws.memory import MEMORY
 from thirdbody.laws.registry import Registry
 from thirdbody.scene.model import Scene
-from thirdbody.scene.pressure import Profile
 
 MAX_CELLS = 4_000_000
 """Largest number of cells of a map: it is written with every frame, 8 bytes each."""
@@ -179,7 +178,7 @@ def _labeller(scene: Scene, family: LawFamily | None, registry: Registry) -> Lab
     """
     any_other = next((one.labeller for one in registry.families.values() if one.labeller), None)
     labeller = (family.labeller if family else None) or any_other
-    if labeller is None or scene.plates.upper is None or not isinstance(scene.plates.upper.pressure, Profile):
+    if labeller is None or scene.plates.upper is None or scene.plates.upper.profile is None:
         return labeller
     words = dict(labeller.words or {}) | {"out": "left the contact of the first bodies", "left_contact": "outside for out_after"}
     return replace(labeller, states=(*labeller.states, "out"), reasons=(*labeller.reasons, "left_contact"), words=words)

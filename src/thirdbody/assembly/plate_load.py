@@ -11,7 +11,6 @@ from thirdbody.engine.upper_plate import GapLaw
 from thirdbody.errors import InputError
 from thirdbody.laws.hertz import e_star
 from thirdbody.scene.model import Scene
-from thirdbody.scene.pressure import Profile
 from thirdbody.surfaces.surface import Surface
 from thirdbody.units import pretty
 
@@ -42,7 +41,7 @@ def limit_words(material: str, pressure: float, strength: float, assumed: bool) 
 def direct_contact(scene: Scene, choice: CompiledPhysics, surfaces: Mapping[str, Surface]) -> GapLaw | None:
     """Return the direct contact of the plates, None without. Raises InputError where nothing gives its parameters."""
     given, upper, lower = scene.plates.contact, scene.plates.upper, scene.plates.lower
-    if given is None or isinstance(upper and upper.pressure, Profile):
+    if given is None or (upper is not None and upper.profile is not None):
         return None
     assert upper is not None and lower is not None
     if given.beta is not None and given.u0 is not None:

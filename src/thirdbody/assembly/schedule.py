@@ -40,11 +40,11 @@ def schedule(scene: Scene, start: float) -> Schedule:
 
 
 def first_load(scene: Scene) -> float:
-    """Return the load under which the debris settles [N]: on the plate, or on each patch, by place the mean; 0 at a gap."""
+    """Return the load under which the debris settles [N]: on the plate, or on each patch (of a profile the mean); 0 at a gap."""
     plate = scene.plates.upper
     assert plate is not None
     area = scene.domain.size[0] * scene.domain.size[1]
-    if isinstance(plate.pressure, Profile):  # the mean over the bodies
+    if isinstance(plate.pressure, Profile):
         return plate.pressure.load / sum(kind.body_count(kind) for kind in scene.debris)
     return plate.load if plate.load is not None else (plate.pressure or 0.0) * area
 

@@ -2,11 +2,11 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thirdbody.assembly.contact_zone import cautions, contact_zone, macroscopic
+from thirdbody.assembly.contact_zone import cautions, contact_zone
 from thirdbody.assembly.initial_relaxation import UNLOADED_OVERLAP
 from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.assembly.placement import CLEARANCE
@@ -116,8 +116,8 @@ class _Layer:
     def each_loaded(self) -> Upper:
         """Return a plate with one free patch per body."""
         n, zone, loads = len(self.top), None, np.full(len(self.top), self.load)
-        if isinstance(self.plate.pressure, Profile):
-            zone, loads = self._by_position()
+        if self.plate.profile is not None:
+            zone, loads = self._by_position(self.plate.profile)
         load, mass = float(loads.max()), np.full(n, self.plate.mass or self.mass.mean())
         # a patch that carries nothing yet has the dashpot of the most loaded one
         pressed = np.full(n, load)
@@ -131,24 +131,24 @@ class _Layer:
         max_overlap = float(np.max(overlap / self.radius))
         return Upper(plate, settle, max_overlap, int(np.count_nonzero(loads)), max_overlap)
 
-    def _by_position(self) -> tuple[Zone, Array]:
+    def _by_position(self, profile: Profile) -> tuple[Zone, Array]:
         """Return the contact of the first bodies, and the load of each body [N]."""
         scene, lower, direct = self.scene, self.scene.plates.lower, self.scene.plates.contact
         assert lower is not None
         materials, labeller = dict(zip(scene.materials, self.choice.materials, strict=True)), self.choice.labeller
-        out = (len(labeller.states) - 1, len(labeller.reasons) - 1) if labeller else (0, 0)
         modulus, positions = e_star(materials[lower.material], materials[self.plate.material]), self.placed.positions[:, :2]
-        zone, loads = contact_zone(scene, modulus, positions, 0.0 if direct is None else direct.friction, out)
+        zone, loads = contact_zone(scene, profile, modulus, positions)
         if not np.any(loads):
             raise InputError(scene.fault(("plates", "upper", "pressure"), "no body is inside the contact"))
         largest = max(clump.diameter for clump in self.placed.clumps)
-        self.warnings += cautions(scene, macroscopic(scene, modulus), loads, float(self.top.max()), largest)
+        self.warnings += cautions(zone, loads, float(self.top.max()), largest)
         if direct is None and self.plate.motion.moving():
             self.warnings.append(
                 "what bodies that leave the contact carried is carried without friction: "
                 "plates.contact = {friction = ...} gives the friction of the plates on each other"
             )
-        return zone, loads
+        codes = (len(labeller.states) - 1, len(labeller.reasons) - 1) if labeller else (0, 0)
+        return replace(zone, friction=0.0 if direct is None else direct.friction, out=codes), loads
 
     def rigid(self) -> Upper:
         """Return one free, parallel plate; the tallest body carries the whole load at first, or direct contact of the plates."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from thirdbody.engine.candidates import AllRows, Numbers
 from thirdbody.engine.state import Array, State
+from thirdbody.engine.upper_plate import Zone
 from thirdbody.jit.arguments import Packer, address
 from thirdbody.jit.threads import distribute
 from thirdbody.kernels.arguments import LABEL, OBSERVE, OBSERVED, Observed
@@ -107,8 +108,7 @@ def labels(state: State, drag: Array) -> Array:
 
     if isinstance(rows, AllRows):
         label(slice(None), (slots.own, slots.partner, slots.edges, slots.incidence), rows.H, rows.R)
-        out[ejected(state), :2] = zone_codes(state)
-        return out
+        return with_ejected(out, state)
 
     def label_batch(number: int) -> None:
         bodies, batch = slice(number * rows.size, (number + 1) * rows.size), rows.compact[number]
@@ -119,17 +119,16 @@ def labels(state: State, drag: Array) -> Array:
         label(bodies, candidates, batch.H[:n], batch.R[:n])
 
     distribute(range(len(rows.compact)), lambda: label_batch)
-    out[ejected(state), :2] = zone_codes(state)
+    return with_ejected(out, state)
+
+
+def with_ejected(out: Array, state: State) -> Array:
+    """Return the labels, in which bodies that have left the contact of the first bodies are out."""
+    if state.world.zone is not None:
+        out[ejected(state, state.world.zone), :2] = state.world.zone.out
     return out
 
 
-def ejected(state: State) -> NDArray[np.bool_]:
+def ejected(state: State, zone: Zone) -> NDArray[np.bool_]:
     """Return which bodies have left the contact of the first bodies, (n,)."""
-    zone = None if state.world.upper is None else state.world.upper.zone
-    if zone is None:
-        return np.zeros(state.n_bodies, bool)
     return state.P[state.patch, patch.OUTSIDE_PATH] >= zone.out_after
-
-
-def zone_codes(state: State) -> tuple[int, int]:
-    return state.world.upper.zone.out if state.world.upper is not None and state.world.upper.zone is not None else (0, 0)

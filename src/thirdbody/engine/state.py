@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from thirdbody.engine.candidates import AllRows, Array, Candidates, Ints, empty_slots
 from thirdbody.engine.placed import Placed
-from thirdbody.engine.upper_plate import PatchedPlate, Schedule
+from thirdbody.engine.upper_plate import PatchedPlate, Schedule, Zone
 from thirdbody.jit.arguments import address
 from thirdbody.kernels import bodies as body_pass
 from thirdbody.kernels import tables
@@ -68,6 +68,10 @@ class World:
     @property
     def schedule(self) -> Schedule:
         return Schedule() if self.upper is None else self.upper.schedule
+
+    @property
+    def zone(self) -> Zone | None:
+        return None if self.upper is None else self.upper.zone
 
 
 @dataclass(frozen=True)
@@ -315,11 +319,11 @@ def constant_arguments(state: State, drag: Array) -> dict[str, Any]:
     """Return those that no step and no search replaces. `drag`: unit vector of the prescribed motion of the upper plate."""
     s, physics, measures = state, state.physics, state.physics.measures
     (begin, size), (force, moment, twist) = physics.field, physics.force_columns
-    zone = FLAT if s.world.upper is None or s.world.upper.zone is None else s.world.upper.zone.row
     return {
         "body": s.body, "start": s.start, "patch": s.patch, "offsets": s.offsets, "B": s.B, "E": s.E,
         "orientations": s.orientations, "P": s.P, "M": s.M, "D": s.D, "schedule": s.schedule, "first": s.first,
-        "lower": s.lower_surface, "upper": s.upper_surface, "zone": zone, "drag": drag, "pairs": physics.pairs,
+        "lower": s.lower_surface, "upper": s.upper_surface, "drag": drag, "pairs": physics.pairs,
+        "zone": s.world.zone.row if s.world.zone else FLAT,
         "interaction": physics.interaction, "effect_parameters": physics.effect_parameters,
         "n_history": len(physics.history), "field_begin": begin, "field_size": size, "rolling": physics.rolling,
         "force": force, "moment": moment, "twist": twist, "stored": physics.stored, "dashpots": physics.dashpots,

@@ -12,7 +12,7 @@ import numpy as np
 
 from thirdbody.engine.candidates import Array, Ints
 from thirdbody.kernels import schedule as motion
-from thirdbody.kernels.tables import patch
+from thirdbody.kernels.tables import patch, zone
 
 ROUNDED, WHOLE = 1e-9, 1000
 """Relative difference below which two motions count as equal; largest number of cycles after which a path closes on itself."""
@@ -310,20 +310,28 @@ class Foundation:
 
 @dataclass(frozen=True)
 class Zone:
-    """Contact of the first bodies: its table (`kernels.contact_zone`), total load [N], load of a patch under the reference
-    pressure [N], friction coefficient and largest pressure of the first bodies [Pa], their gap at each patch at the start [m].
+    """Contact of the first bodies.
 
-    A body whose patch was outside for a path of the upper body of `out_after` [m] gets the state and reason `out`.
+    Its table `row` (`kernels.contact_zone`), total load [N], half width [m], largest pressure [Pa], load of a patch under the
+    reference pressure [N], gap at each patch at the start [m], and friction coefficient of the first bodies. A body whose patch
+    was outside for a path of the upper body of `out_after` [m] gets the codes `out` of state and reason.
     """
 
     row: Array
     load: float
-    nominal: float
-    friction: float
+    half_width: float
     peak: float
+    nominal: float
     gaps: Array
     out_after: float
+    friction: float = 0.0
     out: tuple[int, int] = (0, 0)
+
+    @property
+    def approach_scale(self) -> float:
+        """a^2/R [m] of a ball or a cylinder, the scale of the approach of the first bodies; infinite where they are flat."""
+        radius = float(self.row[zone.RADIUS])
+        return self.half_width**2 / radius if radius > 0.0 else math.inf
 
 
 @dataclass(frozen=True)

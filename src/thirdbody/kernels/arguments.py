@@ -106,7 +106,7 @@ KINDS: Kinds = {
     "effect_parameters": _ROW, "D": _ROW, "A": _ROW, "ledgers": _TABLE, "sums": _TABLE, "moves": _TABLE,
     # surfaces of the plates (`kernels.height_field`), empty where they are flat
     "lower": _ROW, "upper": _ROW,
-    # contact of the first bodies (`kernels.contact_zone`), empty where loads do not follow the place
+    # contact of the first bodies (`kernels.contact_zone`), empty without a pressure profile
     "zone": _ROW,
     # prescribed motion (`kernels.schedule`) and its planned direction; scratch of each part
     "schedule": _TABLE, "first": _I1,

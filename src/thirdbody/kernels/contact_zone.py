@@ -1,17 +1,17 @@
-"""Contact of the first bodies as a whole: its pressure by place, the gap around it, and the loads of the patches that follow.
+"""Contact of the first bodies as a whole: its pressure profile, the gap around it, and the loads of the patches that follow.
 
 Positions are those in the upper body, from the middle of the contact. A patch inside carries its nominal load times the pressure
-there over the reference pressure; outside it carries none and moves with the gap (K. L. Johnson, Contact Mechanics, 1985, 3.42
-and 4.2). What patches carry less than at the start is carried by direct contact of the first bodies.
+there over the reference pressure; outside it carries none and moves with the gap. What patches carry less than at the start is
+carried by direct contact of the first bodies.
 """
 
 import math
 
-import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE
-from thirdbody.kernels.tables import body, patch, zone
+from thirdbody.kernels.tables import body, domain, patch, zone
+from thirdbody.kernels.vectors import nearest_image
 
 UNIFORM, PUNCH, BALL, CYLINDER = range(4)
 
@@ -27,15 +27,13 @@ def locate(b, context, dx, dy):
     Z, B, P, p = context.zone, context.B, context.P, context.patch[b]
     x = B[b, body.POSITION] - P[p, patch.DISPLACEMENT] - Z[zone.CENTRE] + dx
     y = B[b, body.POSITION + 1] - P[p, patch.DISPLACEMENT + 1] - Z[zone.CENTRE + 1] + dy
-    l_x, l_y = Z[zone.PERIOD], Z[zone.PERIOD + 1]
-    x -= l_x * np.rint(x / l_x) if l_x > 0.0 else 0.0
-    y -= l_y * np.rint(y / l_y) if l_y > 0.0 else 0.0
-    return x, y
+    return nearest_image(x, context.D[domain.LENGTH_X]), nearest_image(y, context.D[domain.LENGTH_Y])
 
 
 @njit(**BARE)
 def pressure(x, y, Z):
-    """Return the pressure at a place over the reference pressure."""
+    """Return the pressure at a position over the reference pressure: of a ball or a cylinder Hertz' ellipse (K. L. Johnson,
+    Contact Mechanics, 1985, 4.2)."""
     kind, a = Z[zone.KIND], Z[zone.HALF_WIDTH]
     if kind == UNIFORM:
         return 1.0
@@ -50,7 +48,8 @@ def pressure(x, y, Z):
 
 @njit(**BARE)
 def gap(x, y, Z):
-    """Return how far apart the first bodies are at a place [m]; 0 inside. A punch has a chamfer of 45 degrees."""
+    """Return how far apart the first bodies are at a position [m]; 0 inside. A punch has a chamfer of 45 degrees. For a ball and
+    a cylinder it includes the displacement outside Hertz' pressure (K. L. Johnson, Contact Mechanics, 1985, 3.42 and 4.2)."""
     kind, a, radius = Z[zone.KIND], Z[zone.HALF_WIDTH], Z[zone.RADIUS]
     if kind == PUNCH:
         out_x = max(abs(x) - a - 0.5 * Z[zone.EDGE], 0.0) if a > 0.0 else 0.0

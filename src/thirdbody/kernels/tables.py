@@ -92,20 +92,19 @@ patch = Table(
     direct_prefactor=number("N", "force of direct contact of the plates at zero gap; 0: none"),
     direct_length=number("m", "change of the gap that divides that force by e"),
     direct_friction=number("", "friction coefficient of direct contact"),
-    first_load=number("N", "load at the start, where loads follow the place (`zone`)"),
+    first_load=number("N", "load at the start, where loads follow the position (`zone`)"),
     inside=number("", "there: 1: it was in the contact of the first bodies at the end of the step, 0: it was not"),
     outside_path=number("m", "there: path of the upper body since then"),
 )
 
 zone = Table(
     "Z",
-    "the contact of the first bodies, where loads follow the place",
+    "the contact of the first bodies, where loads follow the position",
     kind=number("", "`contact_zone.UNIFORM` and so on"),
     half_width=vector(2, "m", "half width along x and y; of a punch 0: endless"),
     edge=number("m", "length over which the pressure of a punch falls to zero"),
     radius=number("m", "radius of the upper body"),
     centre=vector(2, "m", "its middle at the start"),
-    period=vector(2, "m", "periodic lengths of the domain, or 0"),
 )
 
 domain = Table(

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from thirdbody.granular_flow import LAYERS, inertia_verdict
-from thirdbody.kernels.tables import patch, zone
+from thirdbody.kernels.tables import patch
 from thirdbody.report.tables import Report, table
 from thirdbody.runner.outlook import memory_of, outlook
 from thirdbody.runner.simulate import check_call, debris_contact, prepare
@@ -21,7 +21,6 @@ from thirdbody.units import duration, file_size, pretty
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
-    from thirdbody.engine.upper_plate import Zone
 
 
 class Check(Report):
@@ -140,7 +139,16 @@ def _plate(built: Simulation) -> dict[str, Any] | None:
         "loaded_at_once": built.upper.loaded,
         "foundation": None if founded is None else founded.stiffness,
         "preload": 0.0 if founded is None else float(upper.load.max()),
-        "contact": None if upper.zone is None else _zone(upper.zone, float((upper.heights - upper.zone.gaps).max())),
+        "contact": None
+        if upper.zone is None
+        else {
+            "load": upper.zone.load,
+            "half_width": upper.zone.half_width,
+            "peak_pressure": upper.zone.peak,
+            "friction": upper.zone.friction,
+            "approach_scale": None if math.isinf(upper.zone.approach_scale) else upper.zone.approach_scale,
+            "height_over_approach": float((upper.heights - upper.zone.gaps).max()) / upper.zone.approach_scale,
+        },
         "direct_contact": None
         if direct is None
         else {
@@ -150,15 +158,6 @@ def _plate(built: Simulation) -> dict[str, Any] | None:
             "gap_without_debris": direct.gap(load),  # at which it alone carries the load
         },
     }
-
-
-def _zone(contact: Zone, height: float) -> dict[str, Any]:
-    """Return the contact of the first bodies, and the debris in it; `height`: of the highest body [m]."""
-    half, radius = float(contact.row[zone.HALF_WIDTH]), float(contact.row[zone.RADIUS])
-    return {
-        "load": contact.load, "half_width": half, "peak_pressure": contact.peak, "friction": contact.friction,
-        "approach_scale": half * half / radius if radius else None, "height_over_approach": height * radius / half**2,
-    }  # fmt: skip
 
 
 def _bed(built: Simulation) -> dict[str, Any] | None:

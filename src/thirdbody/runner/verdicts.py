@@ -72,8 +72,8 @@ def _load_ratio(simulation: Simulation, loop: RunLoop) -> float | None:
     if simulation.schedule.load:
         now = simulation.state.time
         load *= mean_value(simulation.schedule.load, now - loop.maker.interval, now)
-    if simulation.state.world.upper is not None and (contact := simulation.state.world.upper.zone) is not None:
-        load = contact.load
+    if simulation.state.world.zone is not None:
+        load = simulation.state.world.zone.load
     direct = loop.series["direct_force"][2] if force is not None and "direct_force" in loop.series else 0.0
     return float(force[2] + direct) / load if force is not None and load > 0.0 else None
 

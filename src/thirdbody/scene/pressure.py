@@ -1,4 +1,4 @@
-"""Pressure of the upper body by place: a contact with an edge, under which every particle carries the load of its place."""
+"""Pressure profiles of the upper body: a contact with an edge, under which a particle carries the load of its position."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
@@ -15,7 +15,7 @@ class Uniform(Part):
     """The same pressure everywhere."""
 
     profile: Literal["uniform"]
-    """Pressure by place. Example: "hertz"."""
+    """Pressure profile. Example: "hertz"."""
     load: PositiveForce
     """Load on all bodies together. Example: "2 N"."""
 
@@ -24,7 +24,7 @@ class Punch(Part):
     """A flat punch: the same pressure on its face; beyond its edge a chamfer of 45 degrees."""
 
     profile: Literal["punch"]
-    """Pressure by place. Example: "punch"."""
+    """Pressure profile. Example: "punch"."""
     load: PositiveForce
     """Load on the upper body. Example: "2 N"."""
     width: TwoPositiveLengths
@@ -43,7 +43,7 @@ class Hertz(Part):
     """A ball, or a cylinder whose axis is along y, on a flat: Hertz' pressure of the materials of both plates."""
 
     profile: Literal["hertz"]
-    """Pressure by place. Example: "hertz"."""
+    """Pressure profile. Example: "hertz"."""
     body: Literal["ball", "cylinder"]
     """Upper body; the axis of a cylinder is along y. Example: "ball"."""
     radius: PositiveLength

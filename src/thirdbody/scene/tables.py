@@ -114,15 +114,20 @@ class UpperPlate(Part):
     damping: Annotated[float, Quantity(dimension="damping", ge=0)] | None = None
     """Dashpot of the plate or of each patch; by default critical damping with the contact stiffness. Example: "7e-5 kg/s"."""
 
+    @property
+    def profile(self) -> Profile | None:
+        """Pressure profile, of a contact with an edge."""
+        return self.pressure if isinstance(self.pressure, Profile) else None
+
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
         faults = one_of(raw, _LOADINGS)
-        by_position = isinstance(raw.get("pressure"), Mapping | Profile)
-        if by_position and raw.get("support") != "load_per_particle":
-            faults.append((("support",), "a pressure by place needs support = 'load_per_particle'"))
-        if by_position and "loading" in raw:
-            faults.append((("loading",), "a pressure by place does not change with time"))
-        if raw.get("support") == "load_per_particle" and not faults and "load" not in raw and not by_position:
+        has_profile = isinstance(raw.get("pressure"), Mapping | Profile)
+        if has_profile and raw.get("support") != "load_per_particle":
+            faults.append((("support",), "a pressure profile needs support = 'load_per_particle'"))
+        if has_profile and "loading" in raw:
+            faults.append((("loading",), "a pressure profile does not change with time"))
+        if raw.get("support") == "load_per_particle" and not faults and "load" not in raw and not has_profile:
             given = next(key for key in _LOADINGS if key in raw)
             faults.append(((given,), "support = 'load_per_particle' takes a load, not a " + given))
         if "closing" in raw and "gap" not in raw:
@@ -173,12 +178,12 @@ class Plates(Part):
             return faults
         if upper is None:
             return [*faults, (("contact",), "needs both plates: add [plates.lower] and [plates.upper]")]
-        by_position = isinstance(entry(upper, "pressure"), Mapping | Profile)
-        if by_position and (given := [key for key in ("beta", "u0") if entry(raw["contact"], key) is not None]):
+        has_profile = isinstance(entry(upper, "pressure"), Mapping | Profile)
+        if has_profile and (given := [key for key in ("beta", "u0") if entry(raw["contact"], key) is not None]):
             faults.append(
-                (("contact", given[0]), "is of plates at a gap: under a pressure by place the plates carry what debris does not")
+                (("contact", given[0]), "is of plates at a gap: under a pressure profile the plates carry what debris does not")
             )
-        if entry(upper, "support") == "load_per_particle" and not by_position:
+        if entry(upper, "support") == "load_per_particle" and not has_profile:
             faults.append((("contact",), "shares the load of one plate: plates.upper.support = 'rigid' or 'foundation'"))
         if entry(upper, "gap") is not None:
             faults.append((("contact",), "shares a load, and a plate at a gap has none: give plates.upper.load or pressure"))

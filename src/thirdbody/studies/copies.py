@@ -23,7 +23,6 @@ from thirdbody.runner.outlook import expected_integration
 from thirdbody.runner.simulate import prepare, set_threads
 from thirdbody.scene.model import Scene
 from thirdbody.scene.output import STORED
-from thirdbody.scene.pressure import Profile
 from thirdbody.scene.tables import IMPLICIT_KEYS
 from thirdbody.studies.point import Point
 from thirdbody.studies.timing import bare, rate
@@ -191,7 +190,7 @@ def thin(scene: Scene, bodies: int, fraction: float, fewest: int = FEWEST) -> di
     """
     upper, carried = scene.plates.upper, dict[str, str]()
     drawn = all(getattr(debris, "count", None) and getattr(debris, "placement", "") for debris in scene.debris)
-    edge = upper is not None and isinstance(upper.pressure, Profile)  # in a smaller domain the same contact would be another
+    edge = upper is not None and upper.profile is not None  # in a smaller domain the same contact would be another
     if fraction >= 1.0 or bodies <= fewest or not drawn or edge:
         return {}
     if upper is not None and upper.support != "load_per_particle" and upper.gap is None:

@@ -149,10 +149,13 @@ class Timing(NamedTuple):
         return self.half / self.seconds if self.seconds > 0.0 else math.inf
 
 
+NOTCH = 1.57  # half width of a notch over IQR/sqrt(n) (McGill, Tukey and Larsen 1978, `timing`)
+
+
 def timing(values: Sequence[float], single: float = LONE) -> Timing:
     """Return the median and its half width; NaN and infinity without values. `single`: relative half width of a single value.
 
-    Notches 1.57 IQR/sqrt(n), which overlap for equal medians in 95 % of cases (McGill, Tukey and Larsen, The American
+    Notches NOTCH IQR/sqrt(n), which overlap for equal medians in 95 % of cases (McGill, Tukey and Larsen, The American
     Statistician 32:12, 1978); of fewer than five values half their range.
     """
     n = len(values)
@@ -163,7 +166,7 @@ def timing(values: Sequence[float], single: float = LONE) -> Timing:
         half = max(0.5 * (max(values) - min(values)), single * middle / n)
     else:
         low, _, high = statistics.quantiles(values, n=4, method="inclusive")
-        half = 1.57 * (high - low) / math.sqrt(n)
+        half = NOTCH * (high - low) / math.sqrt(n)
     return Timing(middle, max(half, FLOOR * middle))
 
 
@@ -177,7 +180,7 @@ def lone(samples: Iterable[Sequence[float]]) -> float:
     if len(known) < MANY:
         return LONE
     low, high = np.percentile(known, (25, 75))
-    return min(max(1.57 * float(high - low), KNOWN_LONE), LONE)
+    return min(max(NOTCH * float(high - low), KNOWN_LONE), LONE)
 
 
 def slower(a: Timing, b: Timing) -> bool:

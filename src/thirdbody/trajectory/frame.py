@@ -180,7 +180,7 @@ class FrameMaker:
     def _gap(self) -> float:
         """Return the height of the upper plate's surface [m]: common plate, else mean over patches, those inside a contact."""
         upper, heights = self.state.world.upper, self.state.P[:, patch.HEIGHT]
-        if upper is not None and upper.zone is not None:
+        if self.state.world.zone is not None:
             inside = self.state.P[:, patch.INSIDE] > 0.0
             return float(heights[inside].mean()) if inside.any() else np.nan
         return np.nan if upper is None else float(np.mean(heights) if upper.foundation is None else heights[-1])
@@ -218,10 +218,11 @@ class FrameMaker:
         }
         if plate is not None:
             series["active"] = contacts.active()
-        if plate is not None and (plate.direct is not None or plate.zone is not None):
+        zone = s.world.zone
+        if zone is not None or (plate is not None and plate.direct is not None):
             series |= {"direct_force": direct, "load_share_debris": float(upper[2] / both[2]) if both[2] > 0.0 else np.nan}
-        if plate is not None and plate.zone is not None:
-            series |= {"inside": np.count_nonzero(s.P[:, patch.INSIDE]), "ejected": np.count_nonzero(ejected(s))}
+        if zone is not None:
+            series |= {"inside": np.count_nonzero(s.P[:, patch.INSIDE]), "ejected": np.count_nonzero(ejected(s, zone))}
         if dragged:
             series["drag_work"] = s.A[run_totals.DRAG_WORK]
         if has_accommodation(s, self.drag):
