@@ -230,7 +230,8 @@ def exact_tangent(c, load, p, h, w):
 
 NODES = Option(
     "nodes", "dimensionless", 48.0, low=24.0, high=4096.0,
-    doc="capacity per contact: turning points of slip along a line; on a curve two thirds of the number of springs",
+    doc="how much of its past a contact can store: along a line this many reversals of slip, on a curve two thirds as many"
+    " springs",
 )  # fmt: skip
 
 

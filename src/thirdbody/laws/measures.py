@@ -66,7 +66,7 @@ def layout_of(measures: Sequence[Measure]) -> Layout:
             targets.append((ADD, len(bodies), len(bodies) + 1, -1, len(maps) if amount.map else -1))
             maps += [Output(*amount.map, amount.doc)] if amount.map else []
             for side in ("lower", "upper"):
-                doc = f"{amount.doc.rstrip('.')}; at the {side} plate."
+                doc = f"{amount.doc.rstrip('.').replace('the plate', f'the {side} plate')}."
                 bodies.append(Output(f"{amount.name}_{side}", amount.unit, doc))
         else:
             targets.append((ADD, *(3 * (len(bodies),)), -1))

@@ -73,7 +73,7 @@ ROLLING_RESISTANCE = Law(
         ),
         Option(
             "damping", "dimensionless", 0.0, low=0.0, high=10.0,
-            doc="viscous moment over critical damping of a ball that rolls on a plane",
+            doc="damping ratio of a ball that rocks on a plane (1: critical)",
         ),
     ),
 )  # fmt: skip

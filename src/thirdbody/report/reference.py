@@ -68,7 +68,11 @@ def all_names(registry: Registry) -> dict[str, dict[str, Name]]:
             tables["bodies"][key] = Name(unit or "1", _sentence(meaning))
     layouts = [layout_of([measure]) for measure in registry.measures.values()]
     tables["measures"] = {c.name: Name(c.unit, _sentence(c.doc)) for layout in layouts for c in layout.bodies}
-    tables["maps"] = {m.name: Name(m.unit, f"{_sentence(m.doc)} Per area of a cell.") for layout in layouts for m in layout.maps}
+    tables["maps"] = {
+        m.name: Name(m.unit, f"{_sentence(m.doc).replace('the body', 'all bodies')} Given per area of a cell.")
+        for layout in layouts
+        for m in layout.maps
+    }
     return tables
 
 

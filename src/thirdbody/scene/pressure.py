@@ -28,12 +28,13 @@ class Punch(Part):
     load: PositiveForce
     """Load on the upper body. Example: "2 N"."""
     width: TwoPositiveLengths
-    """Width of the face along x and y; one that is as wide as the domain has no edge. Example: ["200 um", "100 um"]."""
+    """Width of its face along x and y; where it is the width of the domain the face has no edge in that
+    direction. Example: ["200 um", "100 um"]."""
     edge: PositiveLength
     """Length over which the pressure falls to zero around the edge. Example: "10 um"."""
     out_after: PositiveLength | None = None
-    """A body is `out` once the upper body has moved this far while it lay outside the contact; by default the path of a cycle
-    of strokes, else the width of the contact. Example: "100 um"."""
+    """A body that stays outside the contact while the upper body moves this far is `out`. By default the path of one cycle of
+    strokes; without strokes the width of the contact. Example: "100 um"."""
 
     def checks(self) -> list[Wrong]:
         return [] if self.edge <= min(self.width) else [(("edge",), "is longer than a width")]
@@ -51,8 +52,8 @@ class Hertz(Part):
     load: PositiveForce
     """Load on it; of a cylinder on its length in the domain. Example: "5 N"."""
     out_after: PositiveLength | None = None
-    """A body is `out` once the upper body has moved this far while it lay outside the contact; by default the path of a cycle
-    of strokes, else the width of the contact. Example: "100 um"."""
+    """A body that stays outside the contact while the upper body moves this far is `out`. By default the path of one cycle of
+    strokes; without strokes the width of the contact. Example: "100 um"."""
 
 
 Profile = Uniform | Punch | Hertz

@@ -79,7 +79,7 @@ class Groove(Part):
     flank: Annotated[float, Quantity(dimension="angle", gt=0, le=math.radians(80.0))]
     """Angle between flank and plane, at most 80 deg. Example: "40 deg"."""
     rounding: PositiveLength | None = None
-    """Half the length of a rounded corner; its radius is at least this over tan(flank). By default a fifth of the flank.
+    """Half the length, along the plane, of each rounded corner. By default a fifth of the length of a flank along the plane.
     Example: "0.5 um"."""
     wavelength: PositiveLength
     """Wavelength, or distance from groove to groove; the domain must hold a whole number of them. Example: "20 um"."""

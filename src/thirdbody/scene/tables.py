@@ -257,8 +257,8 @@ class Solver(Part):
     settle: Annotated[float | Literal["auto"], Quantity(dimension="time", ge=0, words=("auto",))] = "auto"
     """Time under load before the drag starts. Example: "20 us"."""
     inertial_number: Annotated[float, Quantity(ge=1e-6, le=0.1)] | None = None
-    """Bed: the speed of the plate is scaled to this inertial number. Distances, outputs and loads keep their places on the path;
-    a stroke changes its frequency. Example: 1e-3."""
+    """Bed: the plate moves at the speed that gives this inertial number. Loads and outputs come after the same distance as
+    before; strokes keep their length and change their frequency. Example: 1e-3."""
     tolerance: Fraction | None = None
     """Implicit integrator: error of a step over the radius of the largest contact; by default 5e-4. Example: 1e-4."""
     largest_step: PositiveLength | None = None
