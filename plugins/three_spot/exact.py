@@ -230,7 +230,7 @@ def exact_tangent(c, load, p, h, w):
 
 NODES = Option(
     "nodes", "dimensionless", 48.0, low=24.0, high=4096.0,
-    doc="how much of its past a contact can store: along a line this many reversals of slip, on a curve two thirds as many"
+    doc="how much of its past a contact can store: for slip on a line, about `nodes` - 10 reversals; on a curve, 1.5 `nodes`"
     " springs",
 )  # fmt: skip
 

@@ -24,8 +24,8 @@ from thirdbody.laws.contract import Option, Options, kernel
 MEMORY = Option(
     "memory", "dimensionless", "auto", words=("auto", "two_number", "one_ring", "two_rings", "rescaled"),
     doc="what a contact keeps of its past. 'rescaled': its force, as in LAMMPS, which falls in every cycle of load; 'two_number':"
-    " also its elastic energy; 'one_ring', 'two_rings': also the force of one or two outer rings of the area, which load and"
-    " shear that oscillate together need; 'auto': 'two_rings' where load and shear can oscillate, else 'two_number'",
+    " also its elastic energy; 'one_ring', 'two_rings': also the force of one or two outer rings of the area, needed where"
+    " load and shear oscillate together; 'auto': 'two_rings' where they can oscillate, else 'two_number'",
 )  # fmt: skip
 
 

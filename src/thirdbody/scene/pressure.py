@@ -50,7 +50,7 @@ class Hertz(Part):
     radius: PositiveLength
     """Its radius. Example: "10 mm"."""
     load: PositiveForce
-    """Load on it; of a cylinder on its length in the domain. Example: "5 N"."""
+    """Load on it; for a cylinder, on the part of it in the domain. Example: "5 N"."""
     out_after: PositiveLength | None = None
     """A body that stays outside the contact while the upper body moves this far is `out`. By default the path of one cycle of
     strokes; without strokes the width of the contact. Example: "100 um"."""

@@ -79,7 +79,7 @@ class Groove(Part):
     flank: Annotated[float, Quantity(dimension="angle", gt=0, le=math.radians(80.0))]
     """Angle between flank and plane, at most 80 deg. Example: "40 deg"."""
     rounding: PositiveLength | None = None
-    """Half the length, along the plane, of each rounded corner. By default a fifth of the length of a flank along the plane.
+    """How far a corner is rounded to either side, along the plane. By default a fifth of the length of a flank along the plane.
     Example: "0.5 um"."""
     wavelength: PositiveLength
     """Wavelength, or distance from groove to groove; the domain must hold a whole number of them. Example: "20 um"."""
@@ -155,8 +155,8 @@ class SurfaceFile(Part):
     crop: Crop | None = None
     """Part of the file that is used, in its coordinates. Example: {x = ["10 um", "90 um"]}."""
     short: PositiveLength | None = None
-    """Shortest wavelength that is left; waves 1.5 times as long stay as they are. By default four point spacings; a periodic
-    map stays as it is. Example: "2 um"."""
+    """Shortest wavelength that is left; waves up to 1.5 times as long are weakened, longer ones stay as they are. By default
+    four point spacings; a periodic map stays as it is. Example: "2 um"."""
     join: Literal["blend", "mirror", "periodic"] = "blend"
     """How copies meet: "blend" along a cut where they differ least, "mirror" with every second copy reversed, "periodic" for a
     periodic map, such as one of `thirdbody surface SCENE -o map.npz`. Example: "mirror"."""

@@ -208,8 +208,8 @@ PROFILES = {
     "position": Name("m", "Middle of the slab, (F, bins)."),
     "solid_fraction": Name("1", "Volume of debris over that of the slab; NaN with the kind `spots`."),
     "velocity": Name("m/s", "Mean velocity of the debris, rotation included, (F, bins, 3)."),
-    "angular_velocity": Name("rad/s", "Mean angular velocity of bodies by volume in the slab, (F, bins, 3)."),
-    "coordination_number": Name("1", "Mean loaded contacts of a body, with plates too, by volume in the slab."),
+    "angular_velocity": Name("rad/s", "Mean angular velocity of bodies, weighted by volume in the slab, (F, bins, 3)."),
+    "coordination_number": Name("1", "Loaded contacts of a body, with plates too: mean weighted by volume in the slab."),
     "contact_stress": Name("Pa", "Stress by contact forces, (F, bins, 3, 3): force a on a face across b; pressure positive."),
     "kinetic_stress": Name("Pa", "Stress by velocity fluctuations of the bodies, (F, bins, 3, 3)."),
 }
