@@ -64,7 +64,7 @@ RESULTS: dict[str, Result] = _SERIES | {
     "friction_coefficient": Result("1", "Mean over the second half of the sliding, for strokes over the last cycle.",
                                    lambda run, _: run.friction.value),
     "friction_coefficient_error": Result("1", "Its standard error.", lambda run, _: run.friction.error),
-    "load": Result("N", "Normal force of the debris on the upper plate, mean over the same frames.", _load),
+    "load": Result("N", "Normal force of the debris on the upper plate, mean over the frames of `friction_coefficient`.", _load),
     "load_ratio": Result("1", "Force on the upper plate over its load, last output interval.", _stored_value("load_ratio")),
     "energy_residual": Result("1", "Residual of the energy balance, relative.", _stored_value("energy_residual")),
     "energy_numerical_share": Result("1", "Loss by the implicit integrator, relative.", _stored_value("energy_numerical_share")),
