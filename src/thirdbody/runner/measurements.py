@@ -38,7 +38,7 @@ def frame_maker(simulation: Simulation, ledger: Ledger) -> FrameMaker:
         labels = (lambda: integrator.label()[:, 0]) if labeller else None
         profiler = Profiler(profiles.bins, AXES.index(profiles.axis), labels, labeller.states if labeller else ())
     if is_bed(simulation):
-        assert simulation.bed is not None  # debris meets below an upper plate
+        assert simulation.bed is not None
         bed = BedMeasures(state, simulation.bed.modulus)
         samplers: dict[str, Sampler] = {"velocity": lambda state: state.bodies.velocity}
         if has_accommodation(state, drag):
@@ -78,10 +78,9 @@ def select_output(scene: Scene, maker: FrameMaker) -> None:
 
 
 def is_bed(simulation: Simulation) -> bool:
-    """Return whether debris between two plates meets other debris."""
-    world = simulation.state.world
+    """Return whether debris between two plates meets other debris, under a pressure without an edge."""
     searched = simulation.plan.kind == "explicit" or getattr(simulation.integrator, "meets", False)
-    return world.debris_meets and world.lower is not None and world.upper is not None and searched
+    return simulation.bed is not None and simulation.state.world.lower is not None and searched
 
 
 def interval_length(simulation: Simulation) -> float:

@@ -222,5 +222,7 @@ def accept_step(context, b, m, motion, common, space):
     T[step_memory.MAX_ENERGY] = max(T[step_memory.MAX_ENERGY], books.total_storable_energy(m, space))
     diagnostics = space.diagnostics
     if diagnostics[step_contacts.MAX_RADIUS] > 0.0:
-        T[step_memory.CONTACT_RADIUS] = diagnostics[step_contacts.MAX_RADIUS]
+        # outside the contact of the first bodies a body carries next to nothing: its steps are those of its last load
+        outside = has_zone(context) and context.P[context.patch[b], patch.OUTSIDE_PATH] > 0.0
+        T[step_memory.CONTACT_RADIUS] = max(diagnostics[step_contacts.MAX_RADIUS], outside * T[step_memory.CONTACT_RADIUS])
         T[step_memory.STIFFNESS] = diagnostics[step_contacts.NORMAL_FORCE] / diagnostics[step_contacts.MAX_OVERLAP]
