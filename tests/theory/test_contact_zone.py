@@ -244,7 +244,12 @@ def test_a_rig_of_bodies_that_may_meet(tmp_path):
     """Debris and plates carry the load together; dashpots and inertia of the patches take up to 1 % of it at 1 m/s."""
     friction = []
     for integrator in ("explicit", "implicit"):
-        keys = {"solver.integrator": integrator, "solver.duration": "10 us", "contact.debris_contact": "auto", "debris.0.count": 90}
+        keys = {
+            "solver.integrator": integrator,
+            "solver.duration": "10 us",
+            "contact.debris_contact": "auto",
+            "debris.0.count": 90,
+        }
         run = thirdbody.run(model.Scene.parse(PUNCH_SCENE).with_settings(keys), out=tmp_path / integrator)
         loads = (run.series["direct_force"] + run.series["upper_force"])[1:, 2]
         assert loads == pytest.approx(2e-3, rel=1e-2) and run.summary()["energy_residual"] < 1e-4

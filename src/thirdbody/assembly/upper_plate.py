@@ -20,7 +20,7 @@ from thirdbody.errors import InputError
 from thirdbody.kernels.tables import ONLY_LOWER
 from thirdbody.laws.hertz import e_star, yield_limit
 from thirdbody.scene.model import Scene
-from thirdbody.scene.pressure import Profile
+from thirdbody.scene.pressure import Profile, Uniform
 from thirdbody.statics.contacts import load_at, overlap_at, response
 from thirdbody.surfaces.surface import Surface
 from thirdbody.units import pretty
@@ -146,6 +146,11 @@ class _Layer:
             self.warnings.append(
                 "what bodies that leave the contact carried is carried without friction: "
                 "plates.contact = {friction = ...} gives the friction of the plates on each other"
+            )
+        if scene.effects.gravity is None and not isinstance(profile, Uniform) and self.plate.motion.moving():
+            self.warnings.append(
+                "nothing stops bodies outside the contact: they go on at the velocity with which they left it; their weight stops "
+                'them on the way of a micrometre: effects.gravity = ["0 m/s2", "0 m/s2", "-9.81 m/s2"]'
             )
         codes = (len(labeller.states) - 1, len(labeller.reasons) - 1) if labeller else (0, 0)
         return replace(zone, friction=0.0 if direct is None else direct.friction, out=codes), loads

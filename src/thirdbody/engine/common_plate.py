@@ -162,7 +162,7 @@ class CommonPlate:
         carrying = np.zeros(state.n_bodies, bool)
         carrying[state.body[slots.own[(slots.sides != LOWER) & (slots.H[:, contact_state.SLIP] > 0.0)]]] = True
         radii = one.memory[carrying if carrying.any() else slice(None), step_memory.CONTACT_RADIUS]
-        self.memory[step_memory.CONTACT_RADIUS] = radii.min()
+        self.memory[step_memory.DRAG_RADIUS] = radii.min()
         return kernel.common_step_length(self.memory, time, one.packed(), end)
 
     def _accept(self, dt: float, step: Step, load: float, velocity: tuple[float, float]) -> None:

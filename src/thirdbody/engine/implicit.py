@@ -85,7 +85,7 @@ class Implicit:
         self.memory = np.zeros((state.n_bodies, step_memory.WIDTH))
         smallest = np.minimum.reduceat(state.spheres.radius, state.start[:-1])
         self.memory[:, step_memory.NEXT_DT] = FIRST * self.rayleigh
-        self.memory[:, step_memory.CONTACT_RADIUS] = UNLOADED * smallest
+        self.memory[:, step_memory.CONTACT_RADIUS] = self.memory[:, step_memory.DRAG_RADIUS] = UNLOADED * smallest
         self.memory[:, step_memory.LIMIT] = StepLimit.GROWTH
         overlap = overlap if overlap > 0.0 else 1e-4 * float(smallest.min())
         self.memory[:, step_memory.STIFFNESS] = float(state.patches.load.max()) / overlap

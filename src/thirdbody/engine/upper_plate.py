@@ -369,7 +369,7 @@ class PatchedPlate:
         P[pressed, patch.NOMINAL_LOAD] = P[pressed, patch.LOAD]
         if self.zone is not None:
             P[:, patch.NOMINAL_LOAD], P[:, patch.FIRST_LOAD], P[:, patch.INSIDE] = self.zone.nominal, self.load, self.load > 0.0
-            P[:, patch.DIRECT_FRICTION] = self.zone.friction
+            P[:, patch.DIRECT_FRICTION], P[:, patch.OUTSIDE_HEIGHT] = self.zone.friction, self.heights - self.zone.gaps
         return P
 
 

@@ -65,14 +65,18 @@ def gap(x, y, Z):
 
 
 @njit(**BARE)
-def load_of(b, context, at, before, after, dt):
-    """Return the load [N] on the patch of body b: that of the position `at`; outside, what moves the patch with the gap against
-    its dashpot, from the position `before` to that `after` a step: it presses a body there by no more."""
+def load_of(b, context, height, at, before, after, dt):
+    """Return the load [N] on the patch of body b, at a height before the step [m]: that of the position `at`; outside, what moves
+    the patch with the gap against its dashpot, from the position `before` to that `after` the step: it presses a body there by no
+    more. A patch that is too low for the gap is lifted, critically damped, so that errors of steps do not add up."""
     P, Z, p = context.P, context.zone, context.patch[b]
     load = P[p, patch.NOMINAL_LOAD] * pressure(at[0], at[1], Z)
     if load > 0.0 or dt == 0.0:
         return load
-    return P[p, patch.DAMPING] * (gap(before[0], before[1], Z) - gap(after[0], after[1], Z)) / dt
+    now = gap(before[0], before[1], Z)
+    too_low = max(P[p, patch.OUTSIDE_HEIGHT] + now - height, 0.0)
+    rate = min(1.0 / dt, 0.25 * P[p, patch.DAMPING] / P[p, patch.MASS])
+    return P[p, patch.DAMPING] * ((now - gap(after[0], after[1], Z)) / dt - rate * too_low)
 
 
 @njit(**BARE)
@@ -83,4 +87,6 @@ def book_zone(b, context, motion):
     inside = 1.0 if pressure(x, y, context.zone) > 0.0 else 0.0
     path = P[p, patch.OUTSIDE_PATH] + motion.dt * math.sqrt(motion.v_x * motion.v_x + motion.v_y * motion.v_y)
     P[p, patch.INSIDE], P[p, patch.OUTSIDE_PATH] = inside, (1.0 - inside) * path
+    height = P[p, patch.HEIGHT] - gap(x, y, context.zone)
+    P[p, patch.OUTSIDE_HEIGHT] = height if inside else max(height, P[p, patch.OUTSIDE_HEIGHT])
     return P[p, patch.FIRST_LOAD] - inside * P[p, patch.LOAD]

@@ -26,6 +26,7 @@ step_memory = Table(
     iterations=number("", "number of iterations of Newton's method"),
     stored=number("J", "elastic energy of its contacts"),
     contact_radius=number("m", "radius of its largest contact"),
+    drag_radius=number("m", "radius that limits the drag of a step: of its largest contact, or that of a loaded body"),
     code=number("", "what stopped the body (`implicit.control.BodyStop`)"),
     slot=number("", "the contact that stopped it"),
     longest_drag=number("m", "longest drag of a step"),

@@ -95,6 +95,7 @@ patch = Table(
     first_load=number("N", "load at the start, where loads follow the position (`zone`)"),
     inside=number("", "there: 1: it was in the contact of the first bodies at the end of the step, 0: it was not"),
     outside_path=number("m", "there: path of the upper body since then"),
+    outside_height=number("m", "there: height less the gap when its load vanished, more where a body has lifted it since"),
 )
 
 zone = Table(

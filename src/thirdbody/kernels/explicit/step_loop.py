@@ -102,7 +102,7 @@ def load_by_position(context, step):
     for b in range(B.shape[0]):
         v_x, v_y, now = B[b, body.VELOCITY] - step.v_x, B[b, body.VELOCITY + 1] - step.v_y, locate(b, context, 0.0, 0.0)
         after = locate(b, context, step.dt * v_x, step.dt * v_y)
-        P[context.patch[b], patch.LOAD] = load_of(b, context, now, now, after, step.dt)
+        P[context.patch[b], patch.LOAD] = load_of(b, context, P[context.patch[b], patch.HEIGHT], now, now, after, step.dt)
 
 
 @njit(**BARE)

@@ -222,7 +222,8 @@ def accept_step(context, b, m, motion, common, space):
     T[step_memory.MAX_ENERGY] = max(T[step_memory.MAX_ENERGY], books.total_storable_energy(m, space))
     diagnostics = space.diagnostics
     if diagnostics[step_contacts.MAX_RADIUS] > 0.0:
-        # outside the contact of the first bodies a body carries next to nothing: its steps are those of its last load
-        outside = has_zone(context) and context.P[context.patch[b], patch.OUTSIDE_PATH] > 0.0
-        T[step_memory.CONTACT_RADIUS] = max(diagnostics[step_contacts.MAX_RADIUS], outside * T[step_memory.CONTACT_RADIUS])
+        T[step_memory.CONTACT_RADIUS] = T[step_memory.DRAG_RADIUS] = diagnostics[step_contacts.MAX_RADIUS]
         T[step_memory.STIFFNESS] = diagnostics[step_contacts.NORMAL_FORCE] / diagnostics[step_contacts.MAX_OVERLAP]
+    if has_zone(context) and context.P[context.patch[b], patch.INSIDE] == 0.0:
+        # outside the contact of the first bodies contacts are minute, and the drag does not slide over them
+        T[step_memory.DRAG_RADIUS] = math.sqrt(context.settings[step_settings.EXPECTED_OVERLAP] * Z[step_start.ARM])

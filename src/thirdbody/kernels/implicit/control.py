@@ -89,9 +89,14 @@ def plate_velocity(t, context, dt):
     return mean_rate(schedule, first, np.int64(X), t, dt), mean_rate(schedule, first, np.int64(Y), t, dt)
 
 
+MINUTE = 0.1
+"""Smallest radius that scales errors, over that which limits the drag: contacts that carry nothing but a weight are smaller than
+an atom."""
+
+
 @njit(**BARE)
 def longest_drag(V, T):
-    return min(V[step_settings.LONGEST], V[step_settings.RADII] * T[step_memory.CONTACT_RADIUS])
+    return min(V[step_settings.LONGEST], V[step_settings.RADII] * T[step_memory.DRAG_RADIUS])
 
 
 @njit(**BARE)
@@ -177,7 +182,7 @@ def local_error(context, b, dt, space):
     patch_velocity = context.P[context.patch[b], patch.VELOCITY]
     velocity_change = patch_velocity - Z[step_start.PATCH_VELOCITY] - ratio * T[step_memory.LAST_DRISE]
     change = max(math.sqrt(move), math.sqrt(rotation) * Z[step_start.ARM], abs(velocity_change))
-    radius = max(space.diagnostics[step_contacts.MAX_RADIUS], T[step_memory.CONTACT_RADIUS])
+    radius = max(space.diagnostics[step_contacts.MAX_RADIUS], T[step_memory.CONTACT_RADIUS], MINUTE * T[step_memory.DRAG_RADIUS])
     error = error_of_change(change, radius, ratio, V, dt)
     if not (plates.is_rough(context) and (has_heights(context.lower) or has_heights(context.upper))):
         return error

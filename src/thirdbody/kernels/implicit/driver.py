@@ -79,7 +79,7 @@ def predict_load(b, motion, context, space):
     dx, dy = Z[step_start.POSITION] - B[b, body.POSITION], Z[step_start.POSITION + 1] - B[b, body.POSITION + 1]
     before = locate(b, context, dx + motion.dt * motion.v_x, dy + motion.dt * motion.v_y)
     after = locate(b, context, dx + y[0], dy + y[1])
-    context.P[context.patch[b], patch.LOAD] = load_of(b, context, after, before, after, motion.dt)
+    context.P[context.patch[b], patch.LOAD] = load_of(b, context, Z[step_start.PATCH_HEIGHT], after, before, after, motion.dt)
 
 
 @njit(**BARE_CHUNK)
