@@ -149,8 +149,8 @@ class _Layer:
             )
         if scene.effects.gravity is None and not isinstance(profile, Uniform) and self.plate.motion.moving():
             self.warnings.append(
-                "nothing stops bodies outside the contact: they go on at the velocity with which they left it; their weight stops "
-                'them on the way of a micrometre: effects.gravity = ["0 m/s2", "0 m/s2", "-9.81 m/s2"]'
+                "nothing stops bodies outside the contact: they go on at the velocity with which they left it; with "
+                'effects.gravity = ["0 m/s2", "0 m/s2", "-9.81 m/s2"] they soon rest'
             )
         codes = (len(labeller.states) - 1, len(labeller.reasons) - 1) if labeller else (0, 0)
         return replace(zone, friction=0.0 if direct is None else direct.friction, out=codes), loads
