@@ -131,4 +131,6 @@ def with_ejected(out: Array, state: State) -> Array:
 
 def ejected(state: State, zone: Zone) -> NDArray[np.bool_]:
     """Return which bodies have left the contact of the first bodies, (n,)."""
-    return state.P[state.patch, patch.OUTSIDE_PATH] >= zone.out_after
+    beyond, size = state.bodies.position[:, :2], np.array(state.world.size)
+    left = np.any((beyond < 0.0) | (beyond > size), axis=1) & (not state.world.periodic)
+    return left | (state.P[state.patch, patch.OUTSIDE_PATH] >= zone.out_after)

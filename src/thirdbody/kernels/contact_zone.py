@@ -31,6 +31,16 @@ def locate(b, context, dx, dy):
 
 
 @njit(**BARE)
+def has_left(b, context):
+    """Return whether body b is beyond an open end of the domain."""
+    B, D, Z = context.B, context.D, context.zone
+    for k in range(2):
+        if D[domain.LENGTH_X + k] == 0.0 and abs(B[b, body.POSITION + k] - Z[zone.CENTRE + k]) > Z[zone.CENTRE + k]:
+            return True
+    return False
+
+
+@njit(**BARE)
 def pressure(x, y, Z):
     """Return the pressure at a position over the reference pressure: of a ball or a cylinder Hertz' ellipse (K. L. Johnson,
     Contact Mechanics, 1985, 4.2)."""

@@ -20,7 +20,7 @@ from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS, OPTIONS, 
 from thirdbody.kernels import schedule
 from thirdbody.kernels.arguments import OBSERVE_BODIES, Motion, as_observed
 from thirdbody.kernels.bodies import place_as_it_is
-from thirdbody.kernels.contact_zone import has_zone, load_of, locate
+from thirdbody.kernels.contact_zone import book_zone, has_left, has_zone, load_of, locate
 from thirdbody.kernels.implicit import books, control, workspace
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
 from thirdbody.kernels.implicit.control import BodyStop
@@ -28,6 +28,7 @@ from thirdbody.kernels.implicit.newton import NewtonOutcome, solve_island
 from thirdbody.kernels.implicit.residual import MAX_ROTATION, measure_arm, save_start
 from thirdbody.kernels.implicit.workspace import ADVANCE, KINDS, STAGE, ImplicitContext, body_at, call_part, context_of, space_at
 from thirdbody.kernels.memory import CLOSED, compact, expand, keep
+from thirdbody.kernels.plates import book_direct_contact
 from thirdbody.kernels.step_tables import step_memory, step_settings, step_start
 from thirdbody.kernels.tables import body, patch, run_totals, sphere
 
@@ -123,10 +124,26 @@ def accept_island(m, motion, common, ended, context, island, scratch):
             A[run_totals.ELAPSED], A[run_totals.SHIFT_X], A[run_totals.SHIFT_Y] = 0.0, 0.0, 0.0
 
 
+@njit(**BARE)
+def pass_outside(b, time, end, context):
+    """Let body b, which has left the domain, be until `end` [s]; its patch goes on, and the plates carry what it carried."""
+    A, T, P, p = context.totals[b], context.memory[b], context.P, context.patch[b]
+    v_x, v_y = control.plate_velocity(time, context, end - time)
+    motion = Motion(end - time, v_x, v_y)
+    P[p, patch.DISPLACEMENT] += motion.dt * v_x
+    P[p, patch.DISPLACEMENT + 1] += motion.dt * v_y
+    book_direct_contact(A, (book_zone(b, context, motion), P[p, patch.DIRECT_FRICTION]), motion, 0.5)
+    schedule.pass_time(A, motion.dt, v_x, v_y)
+    A[run_totals.TIME], T[step_memory.LAST_DT], T[step_memory.JUMPED] = end, 0.0, 0.0
+
+
 @njit(**BARE_CHUNK)
 def step(until, context, island, scratch):
     V, time = context.settings, context.totals[body_at(0, island), run_totals.TIME]
     end = control.next_breakpoint(time, context, until)
+    if has_zone(context) and island.n == 1 and has_left(body_at(0, island), context):
+        pass_outside(body_at(0, island), time, end, context)
+        return
     if end - time < V[step_settings.SHORTEST]:
         # the interval is shorter than any step: a stop that misses a breakpoint by rounding
         for a in range(island.n):
