@@ -194,6 +194,24 @@ def test_what_the_upper_body_leaves_behind_is_out(make, integrator):
     assert simulation.state.A[run_totals.DIRECT_FORCE + 2] == pytest.approx(4e-4, rel=1e-14)
 
 
+@integrators
+def test_a_body_that_leaves_an_open_domain_is_out(make, integrator):
+    """Thrown over the end, 4 um away, at 20 m/s; the plates carry all that it does not, here its load of the start."""
+    profile = Punch(profile="punch", width=(6e-5, SIZE), edge=4e-6, load=4e-4)
+    debris = [make.ball(MICRO, (SIZE - 4e-6, 2e-4, 1.01 * MICRO), velocity=(20.0, 0.0, 0.0)), make.ball(MICRO, (2e-4, 2e-4, MICRO))]
+    upper = model.UpperPlate(material="ball", support="load_per_particle", pressure=profile)
+    simulation = make.build(make.scene(
+        debris, {"ball": make.STEEL}, plates=model.Plates(lower=model.LowerPlate(material="ball"), upper=upper),
+        contact=model.Contact(debris_contact="none"), solver=model.Solver(duration=1.0, settle=1e-7, integrator=integrator),
+        domain=model.Domain(size=(SIZE, SIZE), periodic=False, ends="open"),
+    ))  # fmt: skip
+    first, out = int(np.argmax(simulation.state.bodies.position[:, 0])), len(simulation.labeller.states) - 1
+    for time, left in ((1.5e-7, False), (4e-7, True), (1e-6, True)):
+        simulation.integrator.advance_to(time=time)
+        assert (simulation.integrator.label()[first, 0] == out) == left
+        assert simulation.state.A[run_totals.DIRECT_FORCE + 2] == pytest.approx(0.0, abs=1e-18)
+
+
 PUNCH_SCENE = f"""{STEEL}[domain]
 size = ["120 um", "40 um"]
 periodic = false
