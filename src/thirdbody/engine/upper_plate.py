@@ -368,7 +368,8 @@ class PatchedPlate:
         pressed = slice(0, n) if self.foundation is None else slice(n, n + 1)
         P[pressed, patch.NOMINAL_LOAD] = P[pressed, patch.LOAD]
         if self.zone is not None:
-            P[:, patch.NOMINAL_LOAD], P[:, patch.FIRST_LOAD], P[:, patch.INSIDE] = self.zone.nominal, self.load, self.load > 0.0
+            P[:, patch.NOMINAL_LOAD], P[:, patch.INSIDE] = self.zone.nominal, self.load > 0.0
+            P[:, patch.FIRST_LOAD] = self.load + (self.zone.load - self.load.sum()) / n
             P[:, patch.DIRECT_FRICTION], P[:, patch.OUTSIDE_HEIGHT] = self.zone.friction, self.heights - self.zone.gaps
         return P
 
