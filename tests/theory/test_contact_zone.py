@@ -207,7 +207,10 @@ def test_what_the_upper_body_leaves_behind_is_out(make, integrator):
 def test_a_body_that_leaves_an_open_domain_is_out(make, integrator):
     """Thrown over the end, 4 um away, at 20 m/s; the plates carry all that it does not, here its load of the start."""
     profile = Punch(profile="punch", width=(6e-5, SIZE), edge=4e-6, load=4e-4)
-    debris = [make.ball(MICRO, (SIZE - 4e-6, 2e-4, 1.01 * MICRO), velocity=(20.0, 0.0, 0.0)), make.ball(MICRO, (2e-4, 2e-4, MICRO))]
+    debris = [
+        make.ball(MICRO, (SIZE - 4e-6, 2e-4, 1.01 * MICRO), velocity=(20.0, 0.0, 0.0)),
+        make.ball(MICRO, (2e-4, 2e-4, MICRO)),
+    ]
     upper = model.UpperPlate(material="ball", support="load_per_particle", pressure=profile)
     simulation = make.build(make.scene(
         debris, {"ball": make.STEEL}, plates=model.Plates(lower=model.LowerPlate(material="ball"), upper=upper),

@@ -94,7 +94,7 @@ def book_zone(b, context, motion):
     """Note whether body b is in the contact, and the path outside. Returns by how much less it carries than at the start [N]."""
     P, p = context.P, context.patch[b]
     x, y = locate(b, context, 0.0, 0.0)
-    inside = 1.0 if pressure(x, y, context.zone) > 0.0 else 0.0
+    inside = 1.0 if pressure(x, y, context.zone) > 0.0 and not has_left(b, context) else 0.0
     path = P[p, patch.OUTSIDE_PATH] + motion.dt * math.sqrt(motion.v_x * motion.v_x + motion.v_y * motion.v_y)
     P[p, patch.INSIDE], P[p, patch.OUTSIDE_PATH] = inside, (1.0 - inside) * path
     height = P[p, patch.HEIGHT] - gap(x, y, context.zone)

@@ -121,7 +121,7 @@ def next_length(T, t, context, end):
 @njit(**BARE)
 def step_ratio(T, V, dt):
     """Return the length of a step over that of the last one; 0 after a breakpoint, or without inertia: backward Euler."""
-    return 0.0 if T[step_memory.LAST_DT] == 0.0 or V[step_settings.INERTIAL] == 0.0 else dt / T[step_memory.LAST_DT]
+    return 0.0 if T[step_memory.LAST_DT] <= 0.0 or V[step_settings.INERTIAL] == 0.0 else dt / T[step_memory.LAST_DT]
 
 
 @njit(**BARE)

@@ -20,7 +20,7 @@ from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS, OPTIONS, 
 from thirdbody.kernels import schedule
 from thirdbody.kernels.arguments import OBSERVE_BODIES, Motion, as_observed
 from thirdbody.kernels.bodies import place_as_it_is
-from thirdbody.kernels.contact_zone import book_zone, has_left, has_zone, load_of, locate
+from thirdbody.kernels.contact_zone import book_zone, gap, has_left, has_zone, load_of, locate, pressure
 from thirdbody.kernels.implicit import books, control, workspace
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
 from thirdbody.kernels.implicit.control import BodyStop
@@ -28,11 +28,17 @@ from thirdbody.kernels.implicit.newton import NewtonOutcome, solve_island
 from thirdbody.kernels.implicit.residual import MAX_ROTATION, measure_arm, save_start
 from thirdbody.kernels.implicit.workspace import ADVANCE, KINDS, STAGE, ImplicitContext, body_at, call_part, context_of, space_at
 from thirdbody.kernels.memory import CLOSED, compact, expand, keep
-from thirdbody.kernels.plates import book_direct_contact
+from thirdbody.kernels.plates import book_direct_contact, has_effect_columns, is_rough
 from thirdbody.kernels.step_tables import step_memory, step_settings, step_start
-from thirdbody.kernels.tables import body, patch, run_totals, sphere
+from thirdbody.kernels.tables import body, body_extra, patch, run_totals, sphere
 
 observe_bodies_at = function_at(OBSERVE_BODIES)
+
+PASSED = -1.0  # last step [s] of a body that was not solved: the next one starts anew
+
+STILL = 1e-3
+"""Way in a step, over the radius that limits the drag, below which a body lies still: at that speed it would slide on by less
+than an atom."""
 
 
 @njit(**BARE)
@@ -125,30 +131,64 @@ def accept_island(m, motion, common, ended, context, island, scratch):
 
 
 @njit(**BARE)
-def pass_outside(b, time, end, context):
-    """Let body b, which has left the domain, be until `end` [s]; its patch goes on, and the plates carry what it carried."""
+def lies_still(b, dt, context, space):
+    """Return whether body b lies on the lower plate, touches nothing else, and moves by less than STILL in a time dt [s]."""
+    A, T, B, E = context.totals[b], context.memory[b], context.B, context.E
+    held = A[run_totals.LOWER_FORCE + 2] != 0.0 or not has_effect_columns(E) or E[b, body_extra.EFFECT_FORCE + 2] == 0.0
+    if not held or A[run_totals.UPPER_FORCE + 2] != 0.0 or T[step_memory.LAST_DT] == 0.0:
+        return False
+    now, before, arm = 0.0, 0.0, space.start[step_start.ARM]
+    for k in range(3):
+        v, w = B[b, body.VELOCITY + k], arm * B[b, body.SPIN + k]
+        now += v * v + w * w
+        before += (v - T[step_memory.LAST_DV + k]) ** 2 + (w - arm * T[step_memory.LAST_DW + k]) ** 2
+    return dt * math.sqrt(max(now, before)) < STILL * T[step_memory.DRAG_RADIUS]
+
+
+@njit(**BARE)
+def pass_outside(b, time, end, context, space):
+    """Advance body b, alone outside the contact of the first bodies, without solving it: it has left the domain, or lies still
+    and the contact does not reach it. Its patch goes on, and the plates carry its load of the start. Returns whether it did."""
     A, T, P, p = context.totals[b], context.memory[b], context.P, context.patch[b]
-    v_x, v_y = control.plate_velocity(time, context, end - time)
-    motion = Motion(end - time, v_x, v_y)
-    P[p, patch.DISPLACEMENT] += motion.dt * v_x
-    P[p, patch.DISPLACEMENT + 1] += motion.dt * v_y
+    if P[p, patch.INSIDE] > 0.0:
+        return False
+    dt, left = end - time, has_left(b, context)
+    v_x, v_y = control.plate_velocity(time, context, dt)
+    distance, longest = dt * math.sqrt(v_x * v_x + v_y * v_y), control.longest_drag(context.settings, T)
+    if distance > longest and not left:
+        dt *= longest / distance
+        v_x, v_y = control.plate_velocity(time, context, dt)
+    x, y = locate(b, context, -dt * v_x, -dt * v_y)
+    height, top = P[p, patch.OUTSIDE_HEIGHT] + gap(x, y, context.zone), 0.0
+    for i in range(context.start[b], context.start[b + 1]):
+        top = max(top, context.S[i, sphere.Z] + context.S[i, sphere.RADIUS])
+    if not left and (height <= top or is_rough(context) or pressure(x, y, context.zone) > 0.0):
+        return False
+    if not left and not lies_still(b, dt, context, space):
+        return False
+    motion = Motion(dt, v_x, v_y)
+    P[p, patch.DISPLACEMENT] += dt * v_x
+    P[p, patch.DISPLACEMENT + 1] += dt * v_y
+    P[p, patch.HEIGHT], P[p, patch.VELOCITY] = height, (height - P[p, patch.HEIGHT]) / dt
     book_direct_contact(A, (book_zone(b, context, motion), P[p, patch.DIRECT_FRICTION]), motion, 0.5)
-    schedule.pass_time(A, motion.dt, v_x, v_y)
-    A[run_totals.TIME], T[step_memory.LAST_DT], T[step_memory.JUMPED] = end, 0.0, 0.0
+    for k in range(3):
+        A[run_totals.LOWER_IMPULSE + k] += dt * A[run_totals.LOWER_FORCE + k]
+    schedule.pass_time(A, dt, v_x, v_y)
+    A[run_totals.TIME], T[step_memory.LAST_DT] = end if dt == end - time else time + dt, PASSED
+    return True
 
 
 @njit(**BARE_CHUNK)
 def step(until, context, island, scratch):
     V, time = context.settings, context.totals[body_at(0, island), run_totals.TIME]
     end = control.next_breakpoint(time, context, until)
-    if has_zone(context) and island.n == 1 and has_left(body_at(0, island), context):
-        pass_outside(body_at(0, island), time, end, context)
-        return
     if end - time < V[step_settings.SHORTEST]:
         # the interval is shorter than any step: a stop that misses a breakpoint by rounding
         for a in range(island.n):
             b = body_at(a, island)
             context.totals[b, run_totals.TIME], context.memory[b, step_memory.LAST_DT] = end, 0.0
+        return
+    if has_zone(context) and island.n == 1 and pass_outside(body_at(0, island), time, end, context, space_at(0, scratch)):
         return
     for a in range(island.n):
         save_start(a, context, island, scratch)
