@@ -120,7 +120,7 @@ def test_a_uniform_pressure_is_a_load_per_particle(make, integrator):
 
 @integrators
 def test_debris_may_carry_a_part_of_the_load(make, integrator):
-    profile = Hertz(profile="hertz", body="ball", radius=1.0, load=1e-2, debris_share=0.25)
+    profile = Hertz(profile="hertz", body="ball", radius=1.0, load=1e-2, debris_fraction=0.25)
     simulation = rig(make, PLACES, profile, integrator=integrator, settle=2e-6)
     assert simulation.state.P[:, patch.LOAD].sum() == pytest.approx(0.25e-2, rel=1e-14)
     simulation.integrator.advance_to(time=1e-6)

@@ -56,7 +56,7 @@ def contact_zone(scene: Scene, given: Profile, modulus: float, positions: Array)
     path, total = schedule(scene, 0.0), float(parts.sum())
     cycles = [path.path(begin, begin + period) for begin, _, period in path.closed_paths()]
     leave = getattr(given, "out_after", None) or (WHOLE * cycles[0] if cycles else 2.0 * half)
-    nominal = getattr(given, "debris_share", 1.0) * given.load / total if total > 0.0 else 0.0
+    nominal = getattr(given, "debris_fraction", 1.0) * given.load / total if total > 0.0 else 0.0
     return Zone(row, given.load, half, peak, nominal, gaps, leave), nominal * parts
 
 

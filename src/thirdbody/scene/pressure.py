@@ -9,7 +9,7 @@ from thirdbody.schema.fields import PositiveLength, PositivePressure, Quantity, 
 from thirdbody.schema.parts import Part, Wrong, table_by_kind
 
 PositiveForce = Annotated[float, Quantity(dimension="force", gt=0)]
-Share = Annotated[float, Quantity(gt=0, le=1)]
+LoadFraction = Annotated[float, Quantity(gt=0, le=1)]
 
 
 class Uniform(Part):
@@ -33,7 +33,7 @@ class Punch(Part):
     direction. Example: ["200 um", "100 um"]."""
     edge: PositiveLength
     """Length over which the pressure falls to zero around the edge. Example: "10 um"."""
-    debris_share: Share = 1.0
+    debris_fraction: LoadFraction = 1.0
     """Part of the load that debris carries at the start; direct contact of the plates carries the rest. Example: 0.8."""
     out_after: PositiveLength | None = None
     """A body that stays outside the contact while the upper body moves this far is `out`. By default the path of one cycle of
@@ -54,7 +54,7 @@ class Hertz(Part):
     """Its radius. Example: "10 mm"."""
     load: PositiveForce
     """Load on it; for a cylinder, on the part of it in the domain. Example: "5 N"."""
-    debris_share: Share = 1.0
+    debris_fraction: LoadFraction = 1.0
     """Part of the load that debris carries at the start; direct contact of the plates carries the rest. Example: 0.8."""
     out_after: PositiveLength | None = None
     """A body that stays outside the contact while the upper body moves this far is `out`. By default the path of one cycle of

@@ -134,8 +134,8 @@ def accept_island(m, motion, common, ended, context, island, scratch):
 def lies_still(b, dt, context, space):
     """Return whether body b lies on the lower plate, touches nothing else, and moves by less than STILL in a time dt [s]."""
     A, T, B, E = context.totals[b], context.memory[b], context.B, context.E
-    held = A[run_totals.LOWER_FORCE + 2] != 0.0 or not has_effect_columns(E) or E[b, body_extra.EFFECT_FORCE + 2] == 0.0
-    if not held or A[run_totals.UPPER_FORCE + 2] != 0.0 or T[step_memory.LAST_DT] == 0.0:
+    supported = A[run_totals.LOWER_FORCE + 2] != 0.0 or not has_effect_columns(E) or E[b, body_extra.EFFECT_FORCE + 2] == 0.0
+    if not supported or A[run_totals.UPPER_FORCE + 2] != 0.0 or T[step_memory.LAST_DT] == 0.0:
         return False
     now, before, arm = 0.0, 0.0, space.start[step_start.ARM]
     for k in range(3):
