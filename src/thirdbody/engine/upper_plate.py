@@ -313,8 +313,9 @@ class Zone:
     """Contact of the first bodies.
 
     Its table `row` (`kernels.contact_zone`), total load [N], half width [m], largest pressure [Pa], load of a patch under the
-    reference pressure [N], gap at each patch at the start [m], and friction coefficient of the first bodies. A body whose patch
-    was outside for a path of the upper body of `out_after` [m] gets the codes `out` of state and reason.
+    reference pressure [N], gap at each patch at the start [m], largest part of the peak pressure at which a map ends within the
+    domain, and friction coefficient of the first bodies. A body whose patch was outside for a path of the upper body of
+    `out_after` [m] gets the codes `out` of state and reason.
     """
 
     row: Array
@@ -324,6 +325,7 @@ class Zone:
     nominal: float
     gaps: Array
     out_after: float
+    border: float = 0.0
     friction: float = 0.0
     out: tuple[int, int] = (0, 0)
 
@@ -369,7 +371,7 @@ class PatchedPlate:
         P[pressed, patch.NOMINAL_LOAD] = P[pressed, patch.LOAD]
         if self.zone is not None:
             P[:, patch.NOMINAL_LOAD], P[:, patch.FIRST_LOAD], P[:, patch.INSIDE] = self.zone.nominal, self.load, self.load > 0.0
-            P[:, patch.DIRECT_FRICTION] = self.zone.friction
+            P[:, patch.DIRECT_FRICTION], P[:, patch.EDGE2] = self.zone.friction, np.nan
         return P
 
 

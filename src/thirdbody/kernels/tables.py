@@ -95,6 +95,7 @@ patch = Table(
     first_load=number("N", "load at the start, where loads follow the position (`zone`)"),
     inside=number("", "there: 1: it was in the contact of the first bodies at the end of the step, 0: it was not"),
     outside_path=number("m", "there: path of the upper body since then"),
+    edge=vector(2, "m", "there: position under the upper body: inside of now, outside where it left; NaN: it never was inside"),
 )
 
 zone = Table(
@@ -105,6 +106,9 @@ zone = Table(
     edge=number("m", "length over which the pressure of a punch falls to zero"),
     radius=number("m", "radius of the upper body"),
     centre=vector(2, "m", "its middle at the start"),
+    first=vector(2, "m", "of a map: position of its first node; its pressures, then its gaps, follow in the same row"),
+    rate=vector(2, "1/m", "of a map: cells per length along x and y"),
+    count=vector(2, "", "of a map: nodes along x and y"),
 )
 
 domain = Table(

@@ -5,8 +5,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import TypeAdapter, WrapValidator
 
-from thirdbody.schema.fields import PositiveLength, PositivePressure, Quantity, TwoPositiveLengths
-from thirdbody.schema.parts import Part, Wrong, table_by_kind
+from thirdbody.schema.fields import PositiveLength, PositivePressure, Quantity, Text, TwoPositiveLengths
+from thirdbody.schema.parts import MISSING, Part, Wrong, one_of, table_by_kind
 
 PositiveForce = Annotated[float, Quantity(dimension="force", gt=0)]
 
@@ -48,16 +48,44 @@ class Hertz(Part):
     """Upper body; the axis of a cylinder is along y. Example: "ball"."""
     radius: PositiveLength
     """Its radius. Example: "10 mm"."""
-    load: PositiveForce
+    load: PositiveForce | None = None
     """Load on it; of a cylinder on its length in the domain. Example: "5 N"."""
+    load_per_length: Annotated[float, Quantity(dimension="line_load", gt=0)] | None = None
+    """Load on a cylinder per length along its axis, instead of `load`. Example: "500 N/m"."""
+    out_after: PositiveLength | None = None
+    """A body is `out` once the upper body has moved this far while it lay outside the contact; by default the path of a cycle
+    of strokes, else the width of the contact. Example: "100 um"."""
+
+    @classmethod
+    def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
+        if raw.get("body") == "ball" and "load_per_length" in raw:
+            return [(("load_per_length",), 'is of body = "cylinder": a ball has a load')]
+        return (
+            [(("load",), MISSING)]
+            if raw.get("body") == "ball" and "load" not in raw
+            else one_of(raw, ("load", "load_per_length"))
+        )
+
+
+class PressureMap(Part):
+    """A pressure map from a CSV file, bilinear between the nodes of a regular grid, zero outside."""
+
+    profile: Literal["table"]
+    """Pressure profile: a map from a file, bilinear between the nodes of a regular grid, zero outside. Example: "table"."""
+    table: Text
+    """CSV file with the header `x (um), y (um), pressure (MPa)`, and `, gap (um)` where the upper body is not flat outside the
+    contact; beyond the map the gap is that at its border. Positions count from the middle of the contact. Its width is that along
+    x of the nodes with more than a hundredth of the largest pressure. Example: "map.csv"."""
+    load: PositiveForce | None = None
+    """Load on the upper body, to which the pressure is scaled; by default the integral of the map. Example: "2 N"."""
     out_after: PositiveLength | None = None
     """A body is `out` once the upper body has moved this far while it lay outside the contact; by default the path of a cycle
     of strokes, else the width of the contact. Example: "100 um"."""
 
 
-Profile = Uniform | Punch | Hertz
+Profile = Uniform | Punch | Hertz | PressureMap
 
-KINDS: Mapping[str, type[Part]] = {"uniform": Uniform, "punch": Punch, "hertz": Hertz}
+KINDS: Mapping[str, type[Part]] = {"uniform": Uniform, "punch": Punch, "hertz": Hertz, "table": PressureMap}
 
 _value = TypeAdapter(PositivePressure)
 
@@ -70,4 +98,4 @@ def _read(value: Any, handler: Any, info: Any) -> Any:
     return _value.validate_python(value, context=info.context)
 
 
-Pressure = Annotated[PositivePressure | Uniform | Punch | Hertz, WrapValidator(_read)]
+Pressure = Annotated[PositivePressure | Uniform | Punch | Hertz | PressureMap, WrapValidator(_read)]

@@ -24,7 +24,7 @@ from thirdbody.runner.simulate import prepare, set_threads
 from thirdbody.scene.model import Scene
 from thirdbody.scene.output import STORED
 from thirdbody.scene.tables import IMPLICIT_KEYS
-from thirdbody.studies.point import Point
+from thirdbody.studies.point import Point, named_files
 from thirdbody.studies.timing import bare, rate
 from thirdbody.studies.variants import Base, springs_option
 
@@ -275,8 +275,7 @@ def units_are_compiled(units: Sequence[str]) -> bool:
 def portable(scene: Scene) -> Scene:
     """Return the scene with absolute paths of the files that it names, which can be saved in any folder."""
     files = {f"debris.{k}.{key}": getattr(debris, key) for k, debris in enumerate(scene.debris) for key in debris.file_keys}
-    for side in ("lower", "upper"):
-        files[f"plates.{side}.surface.file"] = getattr(getattr(getattr(scene.plates, side), "surface", None), "file", None)
+    files |= dict(named_files(scene.document()["plates"], location="plates"))
     changes = {}
     for key, file in files.items():
         names = [str(scene.beside(name).absolute()) for name in ([file] if isinstance(file, str) else file or ())]

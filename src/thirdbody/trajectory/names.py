@@ -137,6 +137,8 @@ CLUMPS = {
     ),
     "plastic_work": Name("J", "Plastic dissipation of its contacts since the start, as `friction_work`; only with such a law."),
     "slip_distance": Name("m", "Slip of all its contacts since the start."),
+    "exit_position": Name("m", "Where a body that is `out` left, under the upper body from the middle of the contact, (B, 2)."),
+    "exit_distance": Name("m", "Path of the upper plate at which it left. Both NaN for others; only with a pressure profile."),
     "utilisation": Name("1", "Largest ratio of tangential force to friction limit at its contacts."),
     "contacts": Name("1", "Number of its contacts."),
     "peak_pressure": Name("Pa", "Largest elastic pressure in its contacts."),
