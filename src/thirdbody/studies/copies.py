@@ -190,7 +190,8 @@ def thin(scene: Scene, bodies: int, fraction: float, fewest: int = FEWEST) -> di
     """
     upper, carried = scene.plates.upper, dict[str, str]()
     drawn = all(getattr(debris, "count", None) and getattr(debris, "placement", "") for debris in scene.debris)
-    edge = upper is not None and upper.profile is not None  # in a smaller domain the same contact would be another
+    # in a smaller domain the same contact would be another, and walls would be nearer to each other
+    edge = (upper is not None and upper.profile is not None) or scene.domain.walls is not None
     if fraction >= 1.0 or bodies <= fewest or not drawn or edge:
         return {}
     if upper is not None and upper.support != "load_per_particle" and upper.gap is None:
