@@ -65,8 +65,8 @@ def read_map(scene: Scene, given: PressureMap) -> Map:
     rows, fault = numbers_of(scene, ("plates", "upper", "pressure", "table"), given.table, names, {"gap": "length"})
     if not rows:
         raise fault("holds no rows of numbers")
-    for line, (_, _, pressure, *gap) in rows:
-        for name, kind, value in (("pressure", "pressure", pressure), *(("gap", "length", value) for value in gap)):
+    for line, (_, _, *quantities) in rows:
+        for (name, kind), value in zip((("pressure", "pressure"), ("gap", "length")), quantities, strict=False):
             if value < 0.0:
                 raise fault(f"line {line}: {name} {pretty(value, kind)} must be at least 0")
     values = np.array([numbers for _, numbers in rows])
@@ -81,7 +81,7 @@ def read_map(scene: Scene, given: PressureMap) -> Map:
         missing = _position(first_x + lacking % n_x * step_x, first_y + lacking // n_x * step_y)
         raise fault(f"has {len(cells)} rows for {n_x} x {n_y} nodes: {missing} is missing")
     order = np.argsort(j * n_x + i)
-    pressure, *gap = (values[order, k].reshape(n_y, n_x) for k in range(2, values.shape[1]))
+    pressure, *gap = [values[order, k].reshape(n_y, n_x) for k in range(2, values.shape[1])]
     pressure[pressure < NEGLIGIBLE * pressure.max()] = 0.0
     if not pressure.any():
         raise fault("the pressure is zero everywhere")
