@@ -8,6 +8,7 @@ import thirdbody
 from thirdbody.engine.guards import Ledger
 from thirdbody.errors import InputError
 from thirdbody.kernels.tables import run_totals
+from thirdbody.runner.simulate import prepare
 from thirdbody.scene import model
 
 UM, SIZE = 1e-6, 20e-6
@@ -150,6 +151,14 @@ def test_what_walls_refuse(changes, message):
     with pytest.raises(InputError) as caught:
         thirdbody.Scene.parse(CELL).with_settings(changes)
     assert message in str(caught.value)
+
+
+def test_what_knows_plates_only_is_refused_and_the_check_knows_walls(command, tmp_path):
+    with pytest.raises(InputError, match="does not tell side walls"):
+        prepare(thirdbody.Scene.parse(CELL).with_settings({"effects.close_spots": "{}"}))
+    (tmp_path / "cell.toml").write_text(CELL)
+    said = command("check", "cell.toml")
+    assert said.code == 0 and "it has no side walls" in said.out
 
 
 def test_momentum_of_a_wall_is_booked(make):

@@ -99,13 +99,12 @@ def _nodes(axis: int, values: Array, rows: Rows, fault: Report) -> tuple[float, 
     steps = steps[steps > EVEN * steps.max(initial=0.0)]
     if not len(steps):
         raise fault(f"needs at least two different {name}")
-    rough = float(np.median(steps))
-    nodes = np.rint((values - positions[0]) / rough)
+    usual = float(np.median(steps))
+    nodes = np.rint((values - positions[0]) / usual)
     step = float(np.ptp(values)) / float(nodes.max())
     off = np.abs(values - positions[0] - step * nodes) > EVEN * step
     if off.any():
         k = int(np.argmax(off))
-        raise fault(
-            f"line {rows[k][0]}: {name} {pretty(values[k], 'length')} is not on a regular grid of {pretty(step, 'length')}"
-        )
+        value, spacing = pretty(values[k], "length"), pretty(step, "length")
+        raise fault(f"line {rows[k][0]}: {name} {value} is not on a regular grid of {spacing}")
     return float(positions[0]), step, nodes.astype(np.int64)

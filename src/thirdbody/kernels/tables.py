@@ -5,12 +5,8 @@ Tables of one algorithm are declared elsewhere: `tile`, `step_tables`, `close_sp
 
 from thirdbody.kernels.table import Table, mark, number, skip, vector
 
-LOWER, UPPER, DEBRIS, WALL = (
-    0,
-    1,
-    2,
-    3,
-)  # partners of a loaded contact; side walls are a part of the lower plate to all but outputs
+LOWER, UPPER, DEBRIS = 0, 1, 2  # partners of a loaded contact
+WALL = 3  # in outputs only: to laws and labels side walls are a part of the lower plate
 
 ONLY_LOWER, EVERYTHING, ONLY_UPPER = -1, 0, 1
 """What a sphere can touch (`engine.state.State.side`): a spot of a given particle touches one plate only."""

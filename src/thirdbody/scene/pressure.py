@@ -60,11 +60,9 @@ class Hertz(Part):
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
         if raw.get("body") == "ball" and "load_per_length" in raw:
             return [(("load_per_length",), 'is of body = "cylinder": a ball has a load')]
-        return (
-            [(("load",), MISSING)]
-            if raw.get("body") == "ball" and "load" not in raw
-            else one_of(raw, ("load", "load_per_length"))
-        )
+        if raw.get("body") == "ball" and "load" not in raw:
+            return [(("load",), MISSING)]
+        return one_of(raw, ("load", "load_per_length"))
 
 
 class PressureMap(Part):

@@ -79,9 +79,8 @@ class FrameContacts:
     def wall_forces(self) -> tuple[Array, Array]:
         """Return the forces on the side walls at y = 0 and at the far end (3,) each [N]."""
         on = self.on[self.side == WALL]
-        size, normal, tangential = self.state.slots.rows.records(
-            on, record.NORMAL_FORCE, record.NORMAL3, record.TANGENTIAL_FORCE3
-        )
+        rows = self.state.slots.rows
+        size, normal, tangential = rows.records(on, record.NORMAL_FORCE, record.NORMAL3, record.TANGENTIAL_FORCE3)
         force = -size[:, None] * normal - tangential
         return force[normal[:, 1] > 0.0].sum(axis=0), force[normal[:, 1] < 0.0].sum(axis=0)
 
