@@ -18,7 +18,7 @@ from thirdbody.units import DIMENSIONS
 
 SOURCE = ROOT / "src" / "thirdbody"
 PART = re.compile(r"(<!-- generated: ([\w-]+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
-NOUNS = {dimension.si_unit: dimension.phrase.partition(" ")[2] for dimension in DIMENSIONS.values()}
+NOUNS = {dimension.phrase.partition(" ")[2]: dimension.si_unit for dimension in DIMENSIONS.values()}
 LONG = 40
 """Letters of a default from which it is left to the text below the list."""
 
@@ -83,8 +83,9 @@ def _facts(key: Key, kinds: Iterable[str]) -> list[str]:
     others = [kind for kind in kinds if key.tables and kind not in key.tables]
     tables = f"all but {others[0]}" if len(others) == 1 else ", ".join(key.tables) if others else ""
     value = key.value
-    for unit in filter(None, key.unit.split(" or ")):
-        value = value.replace(f"{NOUNS[unit]} >", f"{unit}, >").replace(NOUNS[unit], unit)
+    for noun, unit in NOUNS.items():
+        if unit and unit in key.unit.split(" or "):
+            value = value.replace(f"{noun} >", f"{unit}, >").replace(noun, unit)
     default = key.default if len(key.default) < LONG else "below"
     return [tables, re.sub(r"\bnumber (?=[<>])", "", value), f"default {default}" if default not in ("", "required") else default]
 

@@ -63,6 +63,7 @@ DIMENSIONS: dict[str, Dimension] = {
     "pressure": _dimension("a pressure", (-1, 1, -2, 0, 0, 0), "Pa:0 kPa:3 MPa:6 GPa:9", "MPa"),
     "density": _dimension("a density", (-3, 1, 0, 0, 0, 0), "kg/m3:0"),
     "stiffness": _dimension("a stiffness", (0, 1, -2, 0, 0, 0), "mN/m:-3 N/m:0 kN/m:3 N/um:6", "N/m"),
+    "line_load": _dimension("a load per length", (0, 1, -2, 0, 0, 0), "mN/m:-3 N/m:0 kN/m:3", "N/m"),
     "energy_per_area": _dimension("an energy per area", (0, 1, -2, 0, 0, 0), "uJ/m2:-6 mJ/m2:-3 J/m2:0", "mJ/m2"),
     "damping": _dimension("a damping", (0, 1, -1, 0, 0, 0), "kg/s:0"),
     "energy": _dimension("an energy", (2, 1, -2, 0, 0, 0), "fJ:-15 pJ:-12 nJ:-9 uJ:-6 mJ:-3 J:0", "nJ"),

@@ -4,25 +4,18 @@ import math
 
 import numpy as np
 import pytest
+from edge_rig import MICRO, MODULUS, PLACES, SIZE, rig, zone_row
 from scipy.integrate import quad
 from steel import STEEL
 import thirdbody
 from thirdbody.assembly.contact_zone import contact_zone, hertz_contact
 from thirdbody.engine.guards import Ledger
 from thirdbody.kernels import contact_zone as kernel
-from thirdbody.kernels.tables import patch, record, run_totals, zone
+from thirdbody.kernels.tables import patch, record, run_totals
 from thirdbody.scene import model
 from thirdbody.scene.pressure import Hertz, Punch, Uniform
 
-MODULUS = 210e9 / (2.0 * (1.0 - 0.3**2))  # E* of steel on steel
-MICRO, SIZE = 1e-6, 4e-4
 integrators = pytest.mark.parametrize("integrator", ["explicit", "implicit"])
-
-
-def zone_row(kind, half, radius=0.0, edge=0.0):
-    row = np.zeros(zone.WIDTH)
-    row[zone.KIND], row[zone.HALF_WIDTH], row[zone.RADIUS], row[zone.EDGE] = kind, half, radius, edge
-    return row
 
 
 @pytest.mark.parametrize("where", [1.001, 1.1, 2.0, 5.0])
@@ -65,28 +58,11 @@ def test_the_pressure_carries_the_load(make, profile):
     assert contact.peak * cells == pytest.approx(profile.load, rel=2e-3)
 
 
-def rig(make, places, profile, motion=None, friction=0.3, plates=0.1, shift=0.0, **keys):
-    """Balls at places (n, 2) from the middle of the contact [m]."""
-    middle = 0.5 * SIZE + shift
-    debris = [make.ball(MICRO, (middle + x, middle + y, MICRO)) for x, y in places]
-    upper = model.UpperPlate(material="ball", support="load_per_particle", pressure=profile, motion=motion or model.Motion())
-    tables = {
-        "plates": model.Plates(lower=model.LowerPlate(material="ball"), upper=upper, contact={"friction": plates}),
-        "contact": model.Contact(level="mindlin", debris_contact="none"),
-        "solver": model.Solver(**({"duration": 1.0} | keys)),
-        "domain": model.Domain(size=(2.0 * middle, 2.0 * middle), periodic=False),
-    }
-    return make.build(make.scene(debris, {"ball": make.STEEL}, friction=friction, restitution=0.5, **tables))
-
-
-PLACES = np.array([(0.0, 0.0), (2e-5, 0.0), (-3e-5, 1e-5), (0.0, 4.5e-5), (8e-5, 0.0)])
-
-
 @integrators
 def test_a_body_at_rest_carries_the_pressure_of_its_place(make, integrator):
     profile = Hertz(profile="hertz", body="ball", radius=1.0, load=1e-2)
     simulation = rig(make, PLACES, profile, integrator=integrator, settle=2e-6)
-    a = hertz_contact(profile, SIZE, MODULUS)[0]
+    a = hertz_contact(profile, profile.load, SIZE, MODULUS)[0]
     square = np.sum(PLACES**2, axis=1) / a**2
     shape = np.sqrt(np.maximum(1.0 - square, 0.0))
     assert 0 < np.count_nonzero(shape) < len(shape)
@@ -173,7 +149,7 @@ def test_a_rolling_ball_comes_back(make):
     simulation = rig(make, places, profile, motion, integrator="implicit", settle=1e-5, tolerance=1e-5)
     state, x0 = simulation.state, 0.5 * SIZE + np.array(places)[:, 0]
     simulation.integrator.advance_to(time=1e-5)
-    a = hertz_contact(profile, SIZE, MODULUS)[0]
+    a = hertz_contact(profile, profile.load, SIZE, MODULUS)[0]
     nominal = state.P[:, patch.NOMINAL_LOAD]
     for part in (0.25, 0.5, 1.0):
         simulation.integrator.advance_to(time=1e-5 + part / 2e3)

@@ -247,7 +247,7 @@ def kinematics_of(bodies, contacts, meet=True):
     records[:, record.NORMAL_FORCE], records[:, record.POINT3] = force, point
     slots = SimpleNamespace(partner=np.array([CODES[each] for each in side]), own=np.array(own), rows=AllRows(H, records))
     upper = SimpleNamespace(schedule=Schedule(x=(Segment(0.0, motion.POLYNOMIAL, 0.0, V),)))
-    world = SimpleNamespace(upper=upper, lower=0, debris_meets=meet)
+    world = SimpleNamespace(upper=upper, lower=0, debris_meets=meet, walls=False)
     rows = SimpleNamespace(velocity=velocity, spin=spin)
     return SimpleNamespace(bodies=rows, slots=slots, body=np.arange(len(bodies)), n_bodies=len(bodies), world=world, time=1.0)
 

@@ -40,7 +40,7 @@ ONE_FAULT = [
     ("median =", "mdian =", "16:37: debris[0].size.mdian: unknown key, did you mean 'median'?"),
     ("velocity =", "velocty =", "28:16: plates.upper.motion.x.velocty: unknown key, did you mean 'velocity'?"),
     ("every =", "evry =", "42:1: output.evry: unknown key, did you mean 'every'?"),
-    ('["600 um", "400 um"]', '["6 um", "4 um"]\nz = 1', "22:1: domain.z: unknown key, known: ends, periodic, size"),
+    ('["600 um", "400 um"]', '["6 um", "4 um"]\nz = 1', "22:1: domain.z: unknown key, known: ends, periodic, size, walls"),
     # missing keys
     ("scene = 1\n", "", "1:1: scene: required key is missing: write scene = 1"),
     ("poisson_ratio = 0.30\n", "", "3:1: materials.steel.poisson_ratio: required key is missing"),

@@ -310,6 +310,8 @@ def _obstacle(scene: Scene, choice: CompiledPhysics, state: State) -> str:
     late = [effect.name for effect in choice.effects if effect.sees_forces]
     if state.world.upper is None:
         return "no upper plate holds the bodies"
+    if state.world.walls:
+        return "it has no side walls"
     if choice.chain.reaching and (state.lower_surface.size or state.upper_surface.size):
         return f"{', '.join(choice.chain.reaching)} acts beyond touch, which an implicit step on rough plates does not have"
     if bare := choice.chain.without_tangent:

@@ -310,8 +310,8 @@ def _interaction_table(
     values: Values,
 ) -> np.ndarray:  # fmt: skip
     """Return the compliances of the lower and the upper plate [m2/N], then the stiffness of each pair [Pa]; empty without any
-    interaction of spots (`kernels.close_spots`). Raises InputError for two, rough plates, another normal law than Hertz' and
-    adhesion."""
+    interaction of spots (`kernels.close_spots`). Raises InputError for two, rough plates, side walls, another normal law than
+    Hertz' and adhesion."""
     if not interactions:
         return np.zeros(0)
     effect, options, reason = interactions[0], values[interactions[0].name], ""
@@ -321,6 +321,8 @@ def _interaction_table(
         reason = f"two interactions of spots: {', '.join(effect.name for effect in interactions)}"
     elif any(plate is not None and plate.surface is not None for plate in plates):
         reason = "the interaction of spots on rough plates is not built: the plates must be flat"
+    elif scene.domain.walls:
+        reason = "the interaction of spots does not tell side walls (domain.walls) from the lower plate"
     elif other:
         reason = f"the interaction of spots is that of Hertz' contacts, not of {', '.join(other)}"
     if reason:

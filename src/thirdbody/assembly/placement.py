@@ -110,7 +110,7 @@ def _lay(scene: Scene, clumps: list[Clump], members: np.ndarray, x: np.ndarray, 
     q[given] = headed(q[given], headings[given])
     x[members, 2] = heights + CLEARANCE * np.array([body.diameter for body in laid])
     try:
-        x[members, :2] = place_layer(laid, q[members], scene.domain.size, scene.domain.periodic, rng)
+        x[members, :2] = place_layer(laid, q[members], scene.domain.size, scene.domain.wraps, rng)
     except InputError as error:
         raise InputError([scene.fault(("domain", "size"), fault.message) for fault in error.faults]) from None
 
@@ -122,7 +122,7 @@ def _fill(
     bodies = [clumps[b] for b in members]
     height, fraction = _volume(scene, placement, bodies)
     first = next(i for i, debris in enumerate(scene.debris) if debris.placement_name == placement)
-    dilute, domain = placement == "dilute", (scene.domain.size, scene.domain.periodic)
+    dilute, domain = placement == "dilute", (scene.domain.size, scene.domain.wraps)
     key = (DILUTE_STREAM if dilute else DENSE_STREAM,)
     rng = np.random.default_rng(np.random.SeedSequence(getattr(scene.debris[first], "seed", 1), spawn_key=key))
     try:

@@ -156,7 +156,10 @@ def refuse_start(scene: Scene, placed: Placed, lower: Surface | None = None) -> 
     faults += outside(scene, placed) + _own_images(scene, placed, centres, radii, body)
     if scene.contact.debris_contact != "none" and not relax:
         free = sides == EVERYTHING
-        result = overlaps(centres[free], radii[free], body[free], scene.domain.size, scene.domain.periodic)
+        length, width = scene.domain.size
+        # between walls nothing meets its images along y
+        period = length, width + (4.0 * float(radii.max()) if scene.domain.walls else 0.0)
+        result = overlaps(centres[free], radii[free], body[free], period, scene.domain.periodic)
         overlapping = [(a, b, depth) for a, b, depth in result if depth > 1e-9 * radii.min()]
         if overlapping:
             a, b, depth = overlapping[0]
@@ -174,6 +177,13 @@ def refuse_start(scene: Scene, placed: Placed, lower: Surface | None = None) -> 
                 f"body {body[lowest]} starts {how_much} deep in the lower plate{' (z = 0)' if lower is None else ''}; {_REFUSED}"
             )
             faults.append(scene.fault(position_key(scene, placed, int(body[lowest])), message))
+    if scene.domain.walls:
+        in_walls = radii - np.minimum(centres[:, 1], scene.domain.size[1] - centres[:, 1])
+        deepest = int(np.argmax(np.where(sides == ONLY_UPPER, -np.inf, in_walls)))
+        if in_walls[deepest] > 1e-9 * radii[deepest]:
+            how_much = units.pretty(float(in_walls[deepest]), "length")
+            message = f"body {body[deepest]} starts {how_much} deep in a side wall; {_REFUSED}"
+            faults.append(scene.fault(position_key(scene, placed, int(body[deepest])), message))
     if faults:
         raise InputError(faults)
 

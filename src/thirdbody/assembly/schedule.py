@@ -2,22 +2,17 @@
 swing, and the memory of tangential springs that `memory = "auto"` chooses by it."""
 
 import math
-from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
-from thirdbody import units
+from thirdbody.assembly.csv_table import numbers_of
+from thirdbody.assembly.pressure_map import load_of
 from thirdbody.engine.upper_plate import Axis, Schedule, Segment, at_time, ends_of
-from thirdbody.errors import Fault, InputError
-from thirdbody.input_files import MAX_ROWS, csv_lines, read_bytes
 from thirdbody.kernels.schedule import POLYNOMIAL, SINE, TRIANGLE
 from thirdbody.laws.memory import MEMORY
 from thirdbody.scene.model import Scene
 from thirdbody.scene.motion import Constant, Load, Pause, Ramp, Stroke
 from thirdbody.scene.pressure import Profile
-
-MAX_BYTES = 100 * MAX_ROWS
-"""Bytes of the largest file: rows of two numbers of 15 digits take half of it."""
 
 ROUNDING = 1e-12
 """Relative jump between the segments of a schedule that is no change of it."""
@@ -45,7 +40,7 @@ def first_load(scene: Scene) -> float:
     assert plate is not None
     area = scene.domain.size[0] * scene.domain.size[1]
     if isinstance(plate.pressure, Profile):
-        return plate.pressure.load / sum(kind.body_count(kind) for kind in scene.debris)
+        return load_of(scene, plate.pressure) / sum(kind.body_count(kind) for kind in scene.debris)
     return plate.load if plate.load is not None else (plate.pressure or 0.0) * area
 
 
@@ -118,28 +113,9 @@ def rows_of(scene: Scene, location: tuple, file: str, word: str, dimension: str)
     Time and displacement begin at 0, a load is never negative. Raises InputError at the key `location` of the scene, with the
     line.
     """
-    path = scene.beside(file)
-
-    def fault(message: str) -> InputError:
-        return InputError(scene.fault(location, f"{path}: {message}"))
-
-    try:
-        data = read_bytes(path)
-        if len(data) > MAX_BYTES or max(data.count(b"\n"), data.count(b"\r")) > MAX_ROWS:
-            message = f"is too large: at most {MAX_ROWS} rows and {MAX_BYTES / 1e6:.0f} MB are read"
-            raise InputError(Fault("", message, str(path)))
-        lines = csv_lines(str(path), data)
-    except InputError as error:
-        raise InputError([scene.fault(location, str(entry)) for entry in error.faults]) from None
-    scales = _header(lines[0][1] if lines else [], word, dimension, fault)
+    lines, fault = numbers_of(scene, location, file, {"time": "time", word: dimension})
     rows: list[tuple[float, float]] = []
-    for number, row in lines[1:]:
-        try:
-            t, x = (float(cell) * scale for cell, scale in zip(row, scales, strict=True))
-        except ValueError:
-            raise fault(f"line {number}: expected 2 numbers, got {', '.join(row)}") from None
-        if not (math.isfinite(t) and math.isfinite(x)):
-            raise fault(f"line {number}: not a finite number")
+    for number, (t, x) in lines:
         if dimension == "force" and x < 0.0:
             raise fault(f"line {number}: a load is never negative")
         if rows and t <= rows[-1][0]:
@@ -150,21 +126,6 @@ def rows_of(scene: Scene, location: tuple, file: str, word: str, dimension: str)
     if rows[0][0] != 0.0 or (dimension == "length" and rows[0][1] != 0.0):
         raise fault("the first row must be time 0" + (f", {word} 0" if dimension == "length" else ""))
     return rows
-
-
-def _header(cells: list[str], word: str, dimension: str, fault: Callable[[str], InputError]) -> tuple[float, float]:
-    scales = []
-    for cell, (name, kind) in zip(cells, (("time", "time"), (word, dimension)), strict=False):
-        given, _, unit = cell.strip().partition("(")
-        if given.strip() != name or not unit.endswith(")"):
-            raise fault(f"line 1: expected '{name} (unit)', got '{cell.strip()}'")
-        try:
-            scales.append(units.parse(f"1 {unit[:-1]}", kind))
-        except ValueError as error:
-            raise fault(f"line 1: {error}") from None
-    if len(scales) != 2 or len(cells) != 2:
-        raise fault(f"line 1: expected the header 'time (unit), {word} (unit)'")
-    return scales[0], scales[1]
 
 
 def why_swings(scene: Scene) -> str:

@@ -193,8 +193,8 @@ def build(
     upper = upper_plate(scene, choice, placed, warnings, rough)
     _end_settling(scene, choice, upper.settle)
     lower = None if scene.plates.lower is None else list(scene.materials).index(scene.plates.lower.material)
-    bounded = not scene.domain.periodic and lower is not None and scene.domain.ends == "closed"
-    world = World(scene.domain.size, scene.domain.periodic, bounded, lower, upper.plate, debris_contact)
+    domain, bounded = scene.domain, scene.domain.bounded and lower is not None
+    world = World(domain.size, domain.periodic, bounded, lower, upper.plate, debris_contact, domain.walls is not None)
     world, radii = with_surfaces(world, rough), np.concatenate([clump.radii for clump in placed.clumps])
     state = assemble(placed, world, choice.physics, SKIN * float(radii.mean()), order, choice.reach(float(radii.max())))
     _refuse_narrow_domain(scene, state)
@@ -274,7 +274,7 @@ def _refuse_narrow_domain(scene: Scene, state: State) -> None:
     if not scene.domain.periodic or not state.world.debris_meets:
         return
     distance = 2.0 * float(state.spheres.radius.max()) + state.skin + state.reach
-    if min(scene.domain.size) < 2.0 * distance:
+    if min(scene.domain.size[: 1 if scene.domain.walls else 2]) < 2.0 * distance:
         shortest = units.pretty(2.0 * distance, "length")
         message = f"a periodic side must be at least {shortest}, twice the distance of candidates of the largest radius"
         raise InputError(scene.fault(("domain", "size"), message))

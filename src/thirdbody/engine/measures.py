@@ -129,6 +129,15 @@ def with_ejected(out: Array, state: State) -> Array:
     return out
 
 
+def exits(state: State, zone: Zone) -> Array:
+    """Return where bodies that are out left the contact (n, 3): x and y under the upper body, from the middle of the contact, and
+    the path of the upper plate at which they did [m]; NaN for all others."""
+    P = state.P[state.patch]
+    values = np.column_stack([P[:, patch.EDGE2], state.distance - P[:, patch.OUTSIDE_PATH]])
+    values[~(ejected(state, zone) & np.isfinite(values[:, 0]))] = np.nan
+    return values
+
+
 def ejected(state: State, zone: Zone) -> NDArray[np.bool_]:
     """Return which bodies have left the contact of the first bodies, (n,)."""
     beyond, size = state.bodies.position[:, :2], np.array(state.world.size)

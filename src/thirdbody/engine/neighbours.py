@@ -131,7 +131,8 @@ def _pairs_within(
             return int(exists), distance
         return BASINS * int(exists), float(surface[height_field.MAX_HEIGHT]) + distance
 
-    limits = limit(world.lower is not None, world.lower_surface), limit(world.upper is not None, world.upper_surface)
+    limits = (limit(world.lower is not None, world.lower_surface), limit(world.upper is not None, world.upper_surface),
+              world.size[1] if world.walls else 0.0)  # fmt: skip
     while True:
         own, partner = np.empty(capacity, np.int32), np.empty(capacity, np.int32)
         n = n_plates = passes.plate_candidates(state.S, state.P, spheres, state.patch, limits, own, partner) if plates else 0

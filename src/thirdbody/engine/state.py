@@ -49,7 +49,8 @@ SUMMED = (
 
 @dataclass(frozen=True)
 class World:
-    """Domain and plates. A domain that is not `periodic` is open, or ends at its `size` [m] if `bounded`."""
+    """Domain and plates. A domain that is not `periodic` is open, or ends at its `size` [m] if `bounded`; along y it may have
+    `walls` instead."""
 
     size: tuple[float, float]
     periodic: bool
@@ -57,13 +58,15 @@ class World:
     lower: int | None
     upper: PatchedPlate | None
     debris_meets: bool
+    walls: bool = False
     lower_surface: Array | None = None  # heights (`kernels.height_field.pack_field`); None: flat
     upper_surface: Array | None = None
     curved: tuple[bool, bool] = (True, True)  # whether the curvature of lower and upper plate enters the effective radius
 
     @property
     def rough(self) -> bool:
-        return self.lower_surface is not None or self.upper_surface is not None
+        """Whether contacts with plates are in the table of closest points: those of rough plates, and of side walls."""
+        return self.lower_surface is not None or self.upper_surface is not None or self.walls
 
     @property
     def schedule(self) -> Schedule:
@@ -259,7 +262,7 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
     S[:, sphere.RADIUS] = np.concatenate([clump.radii for clump in placed.clumps])
     S[:, sphere.MASS] = np.repeat(B[:, body.MASS], counts)
     D, sign = np.zeros(domain.WIDTH), 1.0 if world.periodic else (-1.0 if world.bounded else 0.0)
-    D[domain.LENGTH_X], D[domain.LENGTH_Y] = sign * world.size[0], sign * world.size[1]
+    D[domain.LENGTH_X], D[domain.LENGTH_Y] = sign * world.size[0], (-1.0 if world.walls else sign) * world.size[1]
     D[domain.SKIN], D[domain.REACH] = skin, reach
     D[domain.FLOOR] = -np.inf if world.lower is None else 0.0
     D[domain.CURVED2] = world.curved

@@ -313,8 +313,9 @@ class Zone:
     """Contact of the first bodies.
 
     Its table `row` (`kernels.contact_zone`), total load [N], half width [m], largest pressure [Pa], load of a patch under the
-    reference pressure [N], gap at each patch at the start [m], and friction coefficient of the first bodies. A body whose patch
-    was outside for a path of the upper body of `out_after` [m] gets the codes `out` of state and reason.
+    reference pressure [N], gap at each patch at the start [m], largest part of the peak pressure at which a map ends within the
+    domain, and friction coefficient of the first bodies. A body whose patch was outside for a path of the upper body of
+    `out_after` [m] gets the codes `out` of state and reason.
     """
 
     row: Array
@@ -324,6 +325,7 @@ class Zone:
     nominal: float
     gaps: Array
     out_after: float
+    border: float = 0.0
     friction: float = 0.0
     out: tuple[int, int] = (0, 0)
 
@@ -371,6 +373,7 @@ class PatchedPlate:
             P[:, patch.NOMINAL_LOAD], P[:, patch.INSIDE] = self.zone.nominal, self.load > 0.0
             P[:, patch.FIRST_LOAD] = self.load + (self.zone.load - self.load.sum()) / n
             P[:, patch.DIRECT_FRICTION], P[:, patch.OUTSIDE_HEIGHT] = self.zone.friction, self.heights - self.zone.gaps
+            P[:, patch.EDGE2] = np.nan
         return P
 
 

@@ -17,7 +17,7 @@ from thirdbody.jit.arguments import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS, entry
 from thirdbody.kernels import closest_point, plates
 from thirdbody.kernels.closest_point import bent_jet, closest, effective_radius, log_radius_gradient, normal_derivative
-from thirdbody.kernels.plates import BASINS, is_upper
+from thirdbody.kernels.plates import BASINS, NEAR_WALL, is_upper
 from thirdbody.kernels.tables import domain, height_field, sphere, surface_contact
 
 RoughPlates = namedtuple("RoughPlates", "own partner S P Q D lower upper")
@@ -218,12 +218,16 @@ def update_sphere(k, field, tables):
 
 @njit(**BARE)
 def next_rough(k, last, tables):
-    """Update the rows of flat plates from k on; return the first row of a sphere and a rough plate, or `last`."""
+    """Update the rows of flat plates and side walls from k on; return the first row of a sphere and a rough plate, or `last`."""
     Q, S = tables.Q, tables.S
     while k < last and (tables.upper if is_upper(tables.partner[k]) else tables.lower).shape[0] == 0:
-        i, upper = tables.own[k], is_upper(tables.partner[k])
-        Q[k, surface_contact.DISTANCE] = plates.height_above(tables.partner[k], i, S, tables.P)
-        Q[k, surface_contact.NORMAL + 2] = -1.0 if upper else 1.0
+        i, upper, basin = tables.own[k], is_upper(tables.partner[k]), (-1 - tables.partner[k]) % BASINS
+        if basin == 0:
+            Q[k, surface_contact.DISTANCE] = plates.height_above(tables.partner[k], i, S, tables.P)
+            Q[k, surface_contact.NORMAL + 2] = -1.0 if upper else 1.0
+        else:
+            Q[k, surface_contact.DISTANCE] = plates.distance_to_wall(basin, i, S, -tables.D[domain.LENGTH_Y])
+            Q[k, surface_contact.NORMAL + 1] = 1.0 if basin == NEAR_WALL else -1.0
         Q[k, surface_contact.RADIUS] = S[i, sphere.RADIUS]
         k += 1
     return k

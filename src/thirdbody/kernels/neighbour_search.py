@@ -37,23 +37,30 @@ _F, _F1, _F2 = types.float64, types.Array(types.float64, 1, "C"), types.Array(ty
 _GRID = types.NamedTuple((_F1, _F1, _I1, types.Array(types.boolean, 1, "C"), _F, _F), Grid)
 _LISTS, _ROWS = types.NamedTuple((_S1, _S1, _F2), CellLists), types.NamedTuple((_I, _I, _S1, _S1, _F2), CandidateRows)
 _SPHERES = types.NamedTuple((_I1, types.Array(types.int8, 1, "C")), Spheres)
-_LIMITS = types.UniTuple(types.Tuple((_I, _F)), 2)
+_LIMITS = types.Tuple((types.Tuple((_I, _F)), types.Tuple((_I, _F)), _F))
 
 
 @entry(_I(_F2, _F2, _SPHERES, _I1, _LIMITS, _S1, _S1), **DIRECT, **NO_COUNTS)
 def plate_candidates(S, P, spheres, patch_of, limits, own, partner):
     """List the spheres near a plate; return their number, also beyond the capacity. `limits` of both plates: number of basins, 0
-    without the plate, and the largest height of the lowest point of a sphere above its plane [m]."""
+    without the plate, and the largest height of the lowest point of a sphere above its plane [m]; then the distance between side
+    walls [m], 0 without."""
     n = np.int64(0)
     for i in range(S.shape[0]):
         for plate in range(2):
-            basins, height = limits[plate]
+            basins, height = limits[0] if plate == 0 else limits[1]
             p = patch_of[spheres.body[i]] if plate == 1 else -1
             within = plates.height_above(partner_code(p, 0), i, S, P) - S[i, sphere.RADIUS] < height
             for basin in range(basins if within and spheres.side[i] != (ONLY_LOWER if plate == 1 else ONLY_UPPER) else 0):
                 if n < own.shape[0]:
                     own[n], partner[n] = i, partner_code(p, basin)
                 n += 1
+            for basin in range(plates.NEAR_WALL, plates.FAR_WALL + 1 if plate == 0 and limits[2] > 0.0 else 0):
+                gap = plates.distance_to_wall(basin, i, S, limits[2]) - S[i, sphere.RADIUS]
+                if gap < height and spheres.side[i] != ONLY_UPPER:
+                    if n < own.shape[0]:
+                        own[n], partner[n] = i, partner_code(p, basin)
+                    n += 1
     return n
 
 

@@ -4,7 +4,8 @@ The plane of the lower one is z = 0 and at rest, that of a patch of the upper on
 plates are flat, answers come from these planes, otherwise from the table of closest points, which must be up to date.
 
 The partner of a candidate is the number of a sphere, or a negative code of a first body and of the basin in which the sphere
-touches it: -1 - basin, the lower plate; -1 - (1 + p) BASINS - basin, patch p of the upper plate. A flat plate has basin 0 only.
+touches it: -1 - basin, the lower plate; -1 - (1 + p) BASINS - basin, patch p of the upper plate. A flat plate has basin 0 only;
+side walls, at y = 0 and at the far end, belong to a flat lower plate: basins 1 and 2.
 """
 
 import math
@@ -16,6 +17,7 @@ from thirdbody.jit.options import BARE
 from thirdbody.kernels.tables import body_extra, contact_state, patch, record, run_totals, sphere, surface_contact
 
 BASINS = 8  # most contacts of a sphere with one plate
+NEAR_WALL, FAR_WALL = 1, 2  # basins of side walls
 
 
 @njit(**BARE)
@@ -97,6 +99,12 @@ def height_above(partner, i, S, P):
     """Return the height of the centre of sphere i above the plane of a first body, on the side of the debris [m]."""
     z, top = S[i, sphere.Z], P[patch_of_partner(partner), patch.HEIGHT]
     return top - z if is_upper(partner) else z
+
+
+@njit(**BARE)
+def distance_to_wall(basin, i, S, width):
+    """Return the distance of the centre of sphere i from a side wall [m]; `width`: between the walls."""
+    return S[i, sphere.Y] if basin == NEAR_WALL else width - S[i, sphere.Y]
 
 
 @njit(**BARE)

@@ -6,6 +6,7 @@ Tables of one algorithm are declared elsewhere: `tile`, `step_tables`, `close_sp
 from thirdbody.kernels.table import Table, mark, number, skip, vector
 
 LOWER, UPPER, DEBRIS = 0, 1, 2  # partners of a loaded contact
+WALL = 3  # in outputs only: to laws and labels side walls are a part of the lower plate
 
 ONLY_LOWER, EVERYTHING, ONLY_UPPER = -1, 0, 1
 """What a sphere can touch (`engine.state.State.side`): a spot of a given particle touches one plate only."""
@@ -96,6 +97,7 @@ patch = Table(
     inside=number("", "there: 1: it was in the contact of the first bodies at the end of the step, 0: it was not"),
     outside_path=number("m", "there: path of the upper body since then"),
     outside_height=number("m", "there: height less the gap when its load vanished, more where a body has lifted it since"),
+    edge=vector(2, "m", "there: position under the upper body: inside of now, outside where it left; NaN: it never was inside"),
 )
 
 zone = Table(
@@ -106,6 +108,9 @@ zone = Table(
     edge=number("m", "length over which the pressure of a punch falls to zero"),
     radius=number("m", "radius of the upper body"),
     centre=vector(2, "m", "its middle at the start"),
+    first=vector(2, "m", "of a map: position of its first node; its pressures, then its gaps, follow in the same row"),
+    rate=vector(2, "1/m", "of a map: cells per length along x and y"),
+    count=vector(2, "", "of a map: nodes along x and y"),
 )
 
 domain = Table(

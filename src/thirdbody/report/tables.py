@@ -247,7 +247,9 @@ def _states_of_bodies(run: RunFile, frame: int, json: bool) -> None:
         raise InputError(f"--frame {frame}: {error}") from None
     from thirdbody.trajectory.states import code_name
 
-    margins = [name for name in bodies if name.startswith("margin_")]
+    if "exit_position" in bodies:
+        bodies |= dict(zip(("exit_x", "exit_y"), bodies["exit_position"].T, strict=True))
+    margins = [name for name in bodies if name.startswith(("margin_", "exit_x", "exit_y"))]
     several = "population" in bodies and len(np.unique(bodies["population"])) > 1
     per_body = [
         {
@@ -265,7 +267,7 @@ def _states_of_bodies(run: RunFile, frame: int, json: bool) -> None:
     first = ["body", "population", "state", "reason"] if several else ["body", "state", "reason"]
     headings = [*first, *(name.removeprefix("margin_") for name in margins)]
     rows = [[*(str(row[name]) for name in first), *(f"{row[name]:.3g}" for name in margins)] for row in per_body]
-    table("margins: positive means satisfied", headings, rows)
+    table("margins: positive means satisfied" + ("; exit: in m" if "exit_position" in bodies else ""), headings, rows)
 
 
 def _reasons(states: np.ndarray, codes: np.ndarray, names: Sequence[str], reasons: Sequence[str]) -> dict[str, dict[str, int]]:

@@ -23,7 +23,7 @@ from thirdbody.atomic_files import new_file
 from thirdbody.engine.snapshot import Snapshot
 from thirdbody.errors import Fault, InputError, OutputError
 from thirdbody.jit import cache
-from thirdbody.kernels.tables import body, body_extra
+from thirdbody.kernels.tables import body, body_extra, patch
 from thirdbody.laws.generated import sources
 from thirdbody.version import __version__
 
@@ -90,6 +90,8 @@ def prints_of(simulation: Simulation) -> dict[str, str]:
     }
     if state.world.rough:
         tables["the surfaces of the plates"] = [state.lower_surface, state.upper_surface]
+    if state.world.zone is not None:
+        tables["the contact of the plates"] = [state.world.zone.row, state.P[:, patch.NOMINAL_LOAD]]
     prints = {name: _digest(arrays) for name, arrays in tables.items()}
     chain, effects, spots = simulation.choice.chain, simulation.choice.effects, simulation.choice.interactions
     labeller = simulation.labeller

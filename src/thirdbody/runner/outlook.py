@@ -147,7 +147,7 @@ def expected_integration(built: Simulation) -> dict[str, Any]:
         step = {"step": built.state.dt, "limited_by": limit, "body": bound.body, "rayleigh": bound.rayleigh}
         planned["time_step"] = step | {"stability_limit": bound.stability}
         each, stopped = _seconds_per_step(integrator)
-        wall = steps * each + (_seconds_of_searches(built) if built.state.world.rough and not stopped else 0.0)
+        wall = steps * each + (_seconds_of_searches(built) if built.surfaces and not stopped else 0.0)
         planned["steps"] = steps
     else:
         integrator = cast("Implicit", integrator)

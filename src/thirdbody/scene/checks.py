@@ -14,7 +14,7 @@ from thirdbody.debris.contract import DebrisKind
 from thirdbody.errors import nearest
 from thirdbody.scene.output import Output
 from thirdbody.scene.surfaces import SIDES, faults_in_domain
-from thirdbody.scene.tables import Domain, Material, PairTable, Plates, Solver
+from thirdbody.scene.tables import Domain, Material, Measures, PairTable, Plates, Solver
 from thirdbody.schema.fields import show
 from thirdbody.schema.parts import Location, Wrong, entry
 from thirdbody.units import pretty
@@ -159,9 +159,26 @@ def too_long_message(every: float, whole: float, kind: str) -> str:
     return f"{units.pretty(every, kind)} is longer than the whole run; allowed: at most {longest}"
 
 
-def faults_between(plates: Plates, domain: Domain, solver: Solver, output: Output) -> list[Wrong]:
-    """Return faults between tables that are valid on their own."""
+def faults_of_walls(plates: Plates, solver: Solver, measures: Measures) -> list[Wrong]:
+    """Return faults of what side walls need, and do not have."""
     faults: list[Wrong] = []
+    if plates.lower is None:
+        faults.append((("domain", "walls"), "have the material of the lower plate: add [plates.lower]"))
+    for side in SIDES:
+        if getattr(getattr(plates, side), "surface", None) is not None:
+            faults.append((("plates", side, "surface"), "not with domain.walls: side walls stand between flat plates"))
+    if solver.integrator == "implicit":
+        faults.append((("solver", "integrator"), 'not with domain.walls: side walls need the "explicit" one'))
+    if solver.initial_overlap == "relax":
+        faults.append((("solver", "initial_overlap"), "'relax' pushes bodies apart without side walls (domain.walls)"))
+    if measures.cell is not None:
+        faults.append((("measures", "cell"), "not with domain.walls: maps are of the plates, and side walls would add to them"))
+    return faults
+
+
+def faults_between(plates: Plates, domain: Domain, solver: Solver, output: Output, measures: Measures) -> list[Wrong]:
+    """Return faults between tables that are valid on their own."""
+    faults = faults_of_walls(plates, solver, measures) if domain.walls else []
     rough = {side: surface for side in SIDES if (surface := getattr(getattr(plates, side), "surface", None)) is not None}
     for side, surface in rough.items():
         location = ("plates", side, "surface")

@@ -10,8 +10,8 @@ from thirdbody.schema.fields import in_si, show
 from thirdbody.schema.parts import Location, key_path
 
 _EXCLUSIVE = (
-    {"distance", "duration"}, {"load", "pressure", "gap"}, {"youngs_modulus", "shear_modulus"}, {"radius", "shape"},
-    {"height", "solid_fraction"},
+    {"distance", "duration"}, {"load", "pressure", "gap", "load_per_length"}, {"youngs_modulus", "shear_modulus"},
+    {"radius", "shape"}, {"height", "solid_fraction"},
 )  # fmt: skip
 _REPLACES = {key: keys - {key} for keys in _EXCLUSIVE for key in keys}
 _REPLACES["positions"] = {"count", "placement", "height", "solid_fraction"}

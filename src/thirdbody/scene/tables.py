@@ -62,8 +62,21 @@ class Domain(Part):
     """Extent along x and y. Example: ["600 um", "400 um"]."""
     periodic: Flag = True
     """Whether bodies re-enter at the opposite side; if not, one that leaves the lower plate stops the run. Example: false."""
+    walls: Literal["y"] | None = None
+    """"y": flat side walls at both ends of y, at rest, of the material of the lower plate. The domain is then periodic in x only.
+    Needs the explicit integrator. Example: "y"."""
     ends: Literal["closed", "open"] = "closed"
     """"open", with periodic = false: the lower plate goes on beyond the domain. Example: "open"."""
+
+    @property
+    def wraps(self) -> bool:
+        """Whether bodies may be placed across all ends of the domain."""
+        return self.periodic and self.walls is None
+
+    @property
+    def bounded(self) -> bool:
+        """Whether a body that leaves the domain stops the run."""
+        return not self.periodic and self.ends == "closed"
 
     def checks(self) -> list[Wrong]:
         return [(("ends",), "needs periodic = false")] if self.ends == "open" and self.periodic else []

@@ -24,7 +24,7 @@ from thirdbody.runner.simulate import prepare, set_threads
 from thirdbody.scene.model import Scene
 from thirdbody.scene.output import STORED
 from thirdbody.scene.tables import IMPLICIT_KEYS
-from thirdbody.studies.point import Point
+from thirdbody.studies.point import Point, named_files
 from thirdbody.studies.timing import bare, rate
 from thirdbody.studies.variants import Base, springs_option
 
@@ -190,7 +190,8 @@ def thin(scene: Scene, bodies: int, fraction: float, fewest: int = FEWEST) -> di
     """
     upper, carried = scene.plates.upper, dict[str, str]()
     drawn = all(getattr(debris, "count", None) and getattr(debris, "placement", "") for debris in scene.debris)
-    edge = upper is not None and upper.profile is not None  # in a smaller domain the same contact would be another
+    # in a smaller domain the same contact would be another, and walls would be nearer to each other
+    edge = (upper is not None and upper.profile is not None) or scene.domain.walls is not None
     if fraction >= 1.0 or bodies <= fewest or not drawn or edge:
         return {}
     if upper is not None and upper.support != "load_per_particle" and upper.gap is None:
@@ -275,8 +276,7 @@ def units_are_compiled(units: Sequence[str]) -> bool:
 def portable(scene: Scene) -> Scene:
     """Return the scene with absolute paths of the files that it names, which can be saved in any folder."""
     files = {f"debris.{k}.{key}": getattr(debris, key) for k, debris in enumerate(scene.debris) for key in debris.file_keys}
-    for side in ("lower", "upper"):
-        files[f"plates.{side}.surface.file"] = getattr(getattr(getattr(scene.plates, side), "surface", None), "file", None)
+    files |= dict(named_files(scene.document()["plates"], location="plates"))
     changes = {}
     for key, file in files.items():
         names = [str(scene.beside(name).absolute()) for name in ([file] if isinstance(file, str) else file or ())]

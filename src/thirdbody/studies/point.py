@@ -182,7 +182,7 @@ def point_name(text: str, document: Mapping[str, Any], scene: Scene, version: st
     It hashes the resolved scene, the files that the scene names, and this version of the program.
     """
     digest = hashlib.sha256(f"{version}\n{text}".encode())
-    for name in _named_files(document):
+    for _, name in named_files(document):
         path = scene.beside(name)
         if path.is_file():
             digest.update(_digest(path.absolute(), path.stat().st_mtime_ns))
@@ -194,12 +194,13 @@ def _digest(path: Path, _time: int) -> bytes:
     return hashlib.sha256(path.read_bytes()).digest()
 
 
-def _named_files(value: Any, key: str = "") -> Iterator[str]:
+def named_files(value: Any, key: str = "", location: str = "") -> Iterator[tuple[str, str]]:
+    """Yield location, such as "debris.0.file", and name of the files that a document names."""
     if isinstance(value, Mapping):
         for name, inner in value.items():
-            yield from _named_files(inner, name)
+            yield from named_files(inner, name, f"{location}.{name}".lstrip("."))
     elif isinstance(value, list):
-        for inner in value:
-            yield from _named_files(inner, key)
+        for k, inner in enumerate(value):
+            yield from named_files(inner, key, f"{location}.{k}")
     elif isinstance(value, str) and key in ("file", "table"):
-        yield value
+        yield location, value

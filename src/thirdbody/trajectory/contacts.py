@@ -9,7 +9,7 @@ from thirdbody.engine.candidates import sides_of
 from thirdbody.engine.measures import contact_maxima
 from thirdbody.engine.state import State
 from thirdbody.kernels.rolling_kinematics import TWIST
-from thirdbody.kernels.tables import DEBRIS, LOWER, contact_state, record
+from thirdbody.kernels.tables import DEBRIS, LOWER, UPPER, WALL, contact_state, record
 from thirdbody.trajectory.names import LOWER_PLATE, UPPER_PLATE
 
 Array = np.ndarray
@@ -32,6 +32,9 @@ class FrameContacts:
             self.on, record.NORMAL_FORCE, record.NORMAL + 2, record.TANGENTIAL_FORCE + 2, record.PEAK_PRESSURE, record.POINT3
         )
 
+        if state.world.walls:  # normals of the plates are vertical
+            self.side[(self.side == LOWER) & (self._normal_z == 0.0)] = WALL
+
     @cached_property
     def body(self) -> Array:
         """Their bodies."""
@@ -39,8 +42,8 @@ class FrameContacts:
 
     @cached_property
     def partner(self) -> Array:
-        """The other body, LOWER_PLATE or UPPER_PLATE."""
-        s, plate = self.state, np.where(self.side == LOWER, LOWER_PLATE, UPPER_PLATE)
+        """The other body, LOWER_PLATE or UPPER_PLATE; of side walls that of the lower one."""
+        s, plate = self.state, np.where(self.side == UPPER, UPPER_PLATE, LOWER_PLATE)
         if not np.any(self.side == DEBRIS):
             return plate
         other = np.maximum(s.slots.partner[self.on], 0)
@@ -72,6 +75,14 @@ class FrameContacts:
         lift = np.concatenate([lift, -lift[debris]])
         above, below = (np.bincount(bodies[on], minlength=self.state.n_bodies) > 0 for on in (lift < 0.0, lift > 0.0))
         return float(np.mean(above & below))
+
+    def wall_forces(self) -> tuple[Array, Array]:
+        """Return the forces on the side walls at y = 0 and at the far end (3,) each [N]."""
+        on = self.on[self.side == WALL]
+        rows = self.state.slots.rows
+        size, normal, tangential = rows.records(on, record.NORMAL_FORCE, record.NORMAL3, record.TANGENTIAL_FORCE3)
+        force = -size[:, None] * normal - tangential
+        return force[normal[:, 1] > 0.0].sum(axis=0), force[normal[:, 1] < 0.0].sum(axis=0)
 
     def arrays(self, chosen: Any) -> dict[str, Array]:
         """Return all arrays of the chosen contacts, in the order of the file."""

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from thirdbody.engine.guards import Ledger, Stored
-from thirdbody.engine.measures import body_amounts, ejected, map_densities
+from thirdbody.engine.measures import body_amounts, ejected, exits, map_densities
 from thirdbody.engine.state import State, orientations
 from thirdbody.kernels.tables import DEBRIS, body, body_extra, patch, record, run_totals, sphere
 from thirdbody.laws.contract import Labeller
@@ -140,6 +140,9 @@ class FrameMaker:
             arrays["friction_work"] = lambda: s.B[given, body.FRICTION_WORK] - s.E[given, body_extra.NORMAL_LOSS]
             arrays[f"{s.physics.loss}_work"] = lambda: s.E[given, body_extra.NORMAL_LOSS]
         arrays |= {name: partial(values.__getitem__, given) for name, values in body_amounts(s).items()}
+        if (zone := s.world.zone) is not None:
+            arrays["exit_position"] = lambda: exits(s, zone)[given, :2]
+            arrays["exit_distance"] = lambda: exits(s, zone)[given, 2]
         if s.physics.pull_off is not None:
             arrays["agglomerate"] = self._agglomerates
         if labels is None or self.labeller is None:
@@ -223,6 +226,8 @@ class FrameMaker:
             series |= {"direct_force": direct, "load_share_debris": float(upper[2] / both[2]) if both[2] > 0.0 else np.nan}
         if zone is not None:
             series |= {"inside": np.count_nonzero(s.P[:, patch.INSIDE]), "ejected": np.count_nonzero(ejected(s, zone))}
+        if s.world.walls:
+            series["wall_force_near"], series["wall_force_far"] = contacts.wall_forces()
         if dragged:
             series["drag_work"] = s.A[run_totals.DRAG_WORK]
         if has_accommodation(s, self.drag):

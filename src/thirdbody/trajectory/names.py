@@ -44,7 +44,9 @@ SERIES = {
     "displacement": Name("m", "Displacement of the upper plate along its first direction of motion; NaN without motion."),
     "gap": Name("m", "Distance between the surfaces of the plates: of the common plate, else the mean over the patches."),
     "upper_force": Name("N", "Force of the debris on this plate (x, y, z), mean over the output interval."),
-    "lower_force": Name("N", "Force of the debris on this plate (x, y, z), mean over the output interval."),
+    "lower_force": Name("N", "The same on the lower plate; with `domain.walls` also on these."),
+    "wall_force_near": Name("N", "Force of the debris on the side wall at y = 0 (x, y, z), at the output."),
+    "wall_force_far": Name("N", "The same on the other one; both only with `domain.walls`."),
     "friction_coefficient": Name(
         "1",
         "-(upper_force . first direction of motion) / |normal force|; on a path that is not straight, work of the motion / "
@@ -137,6 +139,8 @@ CLUMPS = {
     ),
     "plastic_work": Name("J", "Plastic dissipation of its contacts since the start, as `friction_work`; only with such a law."),
     "slip_distance": Name("m", "Slip of all its contacts since the start."),
+    "exit_position": Name("m", "Where a body that is `out` left, under the upper body from the middle of the contact, (B, 2)."),
+    "exit_distance": Name("m", "Path of the upper plate at which it left. Both NaN for others; only with a pressure profile."),
     "utilisation": Name("1", "Largest ratio of tangential force to friction limit at its contacts."),
     "contacts": Name("1", "Number of its contacts."),
     "peak_pressure": Name("Pa", "Largest elastic pressure in its contacts."),
@@ -145,14 +149,14 @@ CLUMPS = {
 }
 LOWER_PLATE, UPPER_PLATE = -1, -2
 """Values of `partner` of contacts with a plate."""
-SIDES = ("lower", "upper", "debris")
+SIDES = ("lower", "upper", "debris", "wall")
 """What a contact touches, by the codes of `side` (`kernels.tables`)."""
 
 CONTACTS = {
     "position": Name("m", "Contact point, (C, 3)."),
     "body": Name("1", "Body that owns the contact."),
     "partner": Name("1", "The other body; -1 lower plate, -2 upper plate, -3 a body not in the file."),
-    "side": Name("1", "Partner: 0 lower plate, 1 upper plate, 2 debris."),
+    "side": Name("1", "Partner: 0 lower plate, 1 upper plate, 2 debris, 3 side wall."),
     "normal": Name("1", "Unit normal from partner to owner, (C, 3)."),
     "normal_force": Name("N", "Normal force, positive in compression."),
     "tangential_force": Name("N", "Tangential force on the owner, (C, 3)."),

@@ -135,7 +135,8 @@ class Profiler:
         assert upper is not None
         height = float(np.max(state.P[: len(upper.heights), patch.HEIGHT]))
         extent = (length, width, height)[self.axis]
-        slabs = Slabs(0.0, extent, self.bins, self.axis < 2 and state.world.periodic)
+        periodic = state.world.periodic and not (self.axis == 1 and state.world.walls)
+        slabs = Slabs(0.0, extent, self.bins, self.axis < 2 and periodic)
         sums = np.zeros((self.bins, STATES + len(self.states)))
         sums[:, SPACE] = length * width * height / self.bins
         self._add_bodies(state, slabs, sums)
