@@ -140,6 +140,5 @@ def exits(state: State, zone: Zone) -> Array:
 
 def ejected(state: State, zone: Zone) -> NDArray[np.bool_]:
     """Return which bodies have left the contact of the first bodies, (n,)."""
-    beyond, size = state.bodies.position[:, :2], np.array(state.world.size)
-    left = np.any((beyond < 0.0) | (beyond > size), axis=1) & (not state.world.periodic)
-    return left | (state.P[state.patch, patch.OUTSIDE_PATH] >= zone.out_after)
+    P = state.P[state.patch]
+    return (P[:, patch.INSIDE] < 0.0) | (P[:, patch.OUTSIDE_PATH] >= zone.out_after)

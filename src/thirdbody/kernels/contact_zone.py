@@ -32,7 +32,7 @@ def locate(b, context, dx, dy):
 
 
 @njit(**BARE)
-def has_left(b, context):
+def is_beyond(b, context):
     """Return whether body b is beyond an open end of the domain."""
     B, D, Z = context.B, context.D, context.zone
     for k in range(2):
@@ -129,7 +129,9 @@ def book_zone(b, context, motion):
     start [N]."""
     P, p = context.P, context.patch[b]
     x, y = locate(b, context, 0.0, 0.0)
-    inside = 1.0 if pressure(x, y, context.zone) > 0.0 and not has_left(b, context) else 0.0
+    inside = 1.0 if pressure(x, y, context.zone) > 0.0 else 0.0
+    if P[p, patch.INSIDE] < 0.0 or (inside == 0.0 and is_beyond(b, context)):
+        inside = -1.0
     path = P[p, patch.OUTSIDE_PATH] + motion.dt * math.sqrt(motion.v_x * motion.v_x + motion.v_y * motion.v_y)
     if inside > 0.0:
         P[p, patch.EDGE], P[p, patch.EDGE + 1] = x, y
@@ -137,7 +139,7 @@ def book_zone(b, context, motion):
         last = P[p, patch.EDGE], P[p, patch.EDGE + 1]
         known = last[0] == last[0]  # not NaN: it did not leave in the first step
         P[p, patch.EDGE], P[p, patch.EDGE + 1] = edge_between(last if known else (x, y), (x, y), context.zone)
-    P[p, patch.INSIDE], P[p, patch.OUTSIDE_PATH] = inside, (1.0 - inside) * path
+    P[p, patch.INSIDE], P[p, patch.OUTSIDE_PATH] = inside, 0.0 if inside > 0.0 else path
     height = P[p, patch.HEIGHT] - gap(x, y, context.zone)
-    P[p, patch.OUTSIDE_HEIGHT] = height if inside else max(height, P[p, patch.OUTSIDE_HEIGHT])
-    return P[p, patch.FIRST_LOAD] - inside * P[p, patch.LOAD]
+    P[p, patch.OUTSIDE_HEIGHT] = height if inside > 0.0 else max(height, P[p, patch.OUTSIDE_HEIGHT])
+    return P[p, patch.FIRST_LOAD] - max(inside, 0.0) * P[p, patch.LOAD]

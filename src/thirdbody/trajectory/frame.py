@@ -225,7 +225,7 @@ class FrameMaker:
         if zone is not None or (plate is not None and plate.direct is not None):
             series |= {"direct_force": direct, "load_share_debris": float(upper[2] / both[2]) if both[2] > 0.0 else np.nan}
         if zone is not None:
-            series |= {"inside": np.count_nonzero(s.P[:, patch.INSIDE]), "ejected": np.count_nonzero(ejected(s, zone))}
+            series |= {"inside": np.count_nonzero(s.P[:, patch.INSIDE] > 0.0), "ejected": np.count_nonzero(ejected(s, zone))}
         if s.world.walls:
             series["wall_force_near"], series["wall_force_far"] = contacts.wall_forces()
         if dragged:

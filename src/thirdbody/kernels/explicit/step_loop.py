@@ -14,7 +14,7 @@ from thirdbody.jit.simd import broadcast, extract, load
 from thirdbody.jit.threads import DISMISSED, DONE, close_pass, count_up, load_word, next_part, open_pass, wait_again
 from thirdbody.kernels.arguments import EARLY, LATE, OBSERVATION, RUN_GROUPS, Step, context_of
 from thirdbody.kernels.bodies import BODIES, STEPS, largest_displacement, weight_of
-from thirdbody.kernels.contact_zone import book_zone, has_left, has_zone, load_of, locate
+from thirdbody.kernels.contact_zone import book_zone, has_zone, load_of, locate
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.explicit.passes import closing_kick
 from thirdbody.kernels.plates import book_direct_contact, direct_force
@@ -103,7 +103,7 @@ def load_by_position(context, step):
         v_x, v_y, now = B[b, body.VELOCITY] - step.v_x, B[b, body.VELOCITY + 1] - step.v_y, locate(b, context, 0.0, 0.0)
         after = locate(b, context, step.dt * v_x, step.dt * v_y)
         load = load_of(b, context, P[context.patch[b], patch.HEIGHT], now, now, after, step.dt)
-        P[context.patch[b], patch.LOAD] = 0.0 if has_left(b, context) else load
+        P[context.patch[b], patch.LOAD] = load if P[context.patch[b], patch.INSIDE] >= 0.0 else 0.0
 
 
 @njit(**BARE)

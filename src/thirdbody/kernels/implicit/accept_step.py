@@ -224,6 +224,6 @@ def accept_step(context, b, m, motion, common, space):
     if diagnostics[step_contacts.MAX_RADIUS] > 0.0:
         T[step_memory.CONTACT_RADIUS] = T[step_memory.DRAG_RADIUS] = diagnostics[step_contacts.MAX_RADIUS]
         T[step_memory.STIFFNESS] = diagnostics[step_contacts.NORMAL_FORCE] / diagnostics[step_contacts.MAX_OVERLAP]
-    if has_zone(context) and context.P[context.patch[b], patch.INSIDE] == 0.0:
+    if has_zone(context) and context.P[context.patch[b], patch.INSIDE] <= 0.0:
         # outside the contact of the first bodies contacts are minute, and the drag does not slide over them
         T[step_memory.DRAG_RADIUS] = math.sqrt(context.settings[step_settings.EXPECTED_OVERLAP] * Z[step_start.ARM])

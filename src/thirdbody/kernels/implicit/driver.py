@@ -20,7 +20,7 @@ from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS, OPTIONS, 
 from thirdbody.kernels import schedule
 from thirdbody.kernels.arguments import OBSERVE_BODIES, Motion, as_observed
 from thirdbody.kernels.bodies import place_as_it_is
-from thirdbody.kernels.contact_zone import book_zone, gap, has_left, has_zone, load_of, locate, pressure
+from thirdbody.kernels.contact_zone import book_zone, gap, has_zone, load_of, locate, pressure
 from thirdbody.kernels.implicit import books, control, workspace
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
 from thirdbody.kernels.implicit.control import BodyStop
@@ -152,7 +152,7 @@ def pass_outside(b, time, end, context, space):
     A, T, P, p = context.totals[b], context.memory[b], context.P, context.patch[b]
     if P[p, patch.INSIDE] > 0.0:
         return False
-    dt, left = end - time, has_left(b, context)
+    dt, left = end - time, P[p, patch.INSIDE] < 0.0
     v_x, v_y = control.plate_velocity(time, context, dt)
     distance, longest = dt * math.sqrt(v_x * v_x + v_y * v_y), control.longest_drag(context.settings, T)
     if distance > longest and not left:
