@@ -194,7 +194,8 @@ def build(
     _end_settling(scene, choice, upper.settle)
     lower = None if scene.plates.lower is None else list(scene.materials).index(scene.plates.lower.material)
     domain, bounded = scene.domain, scene.domain.bounded and lower is not None
-    world = World(domain.size, domain.periodic, bounded, lower, upper.plate, debris_contact, domain.walls is not None)
+    ends = domain.walls is not None, domain.ends == "open_x"
+    world = World(domain.size, domain.periodic, bounded, lower, upper.plate, debris_contact, *ends)
     world, radii = with_surfaces(world, rough), np.concatenate([clump.radii for clump in placed.clumps])
     state = assemble(placed, world, choice.physics, SKIN * float(radii.mean()), order, choice.reach(float(radii.max())))
     _refuse_narrow_domain(scene, state)

@@ -50,7 +50,7 @@ SUMMED = (
 @dataclass(frozen=True)
 class World:
     """Domain and plates. A domain that is not `periodic` is open, or ends at its `size` [m] if `bounded`; along y it may have
-    `walls` instead."""
+    `walls` instead. A periodic one may be open along x (`open_x`)."""
 
     size: tuple[float, float]
     periodic: bool
@@ -59,6 +59,7 @@ class World:
     upper: PatchedPlate | None
     debris_meets: bool
     walls: bool = False
+    open_x: bool = False
     lower_surface: Array | None = None  # heights (`kernels.height_field.pack_field`); None: flat
     upper_surface: Array | None = None
     curved: tuple[bool, bool] = (True, True)  # whether the curvature of lower and upper plate enters the effective radius
@@ -262,7 +263,8 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
     S[:, sphere.RADIUS] = np.concatenate([clump.radii for clump in placed.clumps])
     S[:, sphere.MASS] = np.repeat(B[:, body.MASS], counts)
     D, sign = np.zeros(domain.WIDTH), 1.0 if world.periodic else (-1.0 if world.bounded else 0.0)
-    D[domain.LENGTH_X], D[domain.LENGTH_Y] = sign * world.size[0], (-1.0 if world.walls else sign) * world.size[1]
+    D[domain.LENGTH_X] = 0.0 if world.open_x else sign * world.size[0]
+    D[domain.LENGTH_Y] = (-1.0 if world.walls else sign) * world.size[1]
     D[domain.SKIN], D[domain.REACH] = skin, reach
     D[domain.FLOOR] = -np.inf if world.lower is None else 0.0
     D[domain.CURVED2] = world.curved

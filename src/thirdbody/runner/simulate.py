@@ -226,7 +226,7 @@ def run_header(simulation: Simulation) -> dict[str, Any]:
         "reason_names": list(labeller.reasons) if labeller else ["none"],
         "units": units,
         "meanings": meanings,
-        "domain": {"size": list(scene.domain.size), "periodic": scene.domain.periodic},
+        "domain": {"size": list(scene.domain.size), "periodic": scene.domain.periodic and scene.domain.ends == "closed"},
         "materials": list(scene.materials),
         "populations": scene.population_names,
         "laws": [{"name": law.name, "stage": law.stage, "source": law.source} for law in simulation.choice.chain.laws],

@@ -65,13 +65,14 @@ class Domain(Part):
     walls: Literal["y"] | None = None
     """"y": flat side walls at both ends of y, at rest, of the material of the lower plate. The domain is then periodic in x only.
     Needs the explicit integrator. Example: "y"."""
-    ends: Literal["closed", "open"] = "closed"
-    """"open", with periodic = false: the lower plate goes on beyond the domain. Example: "open"."""
+    ends: Literal["closed", "open", "open_x"] = "closed"
+    """"open", with periodic = false: the lower plate goes on beyond the domain. "open_x", with periodic = true: along x only, and
+    y stays periodic. Example: "open"."""
 
     @property
     def wraps(self) -> bool:
         """Whether bodies may be placed across all ends of the domain."""
-        return self.periodic and self.walls is None
+        return self.periodic and self.walls is None and self.ends == "closed"
 
     @property
     def bounded(self) -> bool:
@@ -79,7 +80,9 @@ class Domain(Part):
         return not self.periodic and self.ends == "closed"
 
     def checks(self) -> list[Wrong]:
-        return [(("ends",), "needs periodic = false")] if self.ends == "open" and self.periodic else []
+        if self.ends == "open_x" and (not self.periodic or self.walls):
+            return [(("ends",), '"open_x" needs periodic = true, and no walls')]
+        return [(("ends",), '"open" needs periodic = false')] if self.ends == "open" and self.periodic else []
 
 
 class LowerPlate(Part):

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thirdbody.engine.state import State
-from thirdbody.kernels.tables import DEBRIS, patch
+from thirdbody.kernels.tables import DEBRIS, domain, patch
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -135,8 +135,7 @@ class Profiler:
         assert upper is not None
         height = float(np.max(state.P[: len(upper.heights), patch.HEIGHT]))
         extent = (length, width, height)[self.axis]
-        periodic = state.world.periodic and not (self.axis == 1 and state.world.walls)
-        slabs = Slabs(0.0, extent, self.bins, self.axis < 2 and periodic)
+        slabs = Slabs(0.0, extent, self.bins, self.axis < 2 and state.D[domain.LENGTH_X + self.axis] > 0.0)
         sums = np.zeros((self.bins, STATES + len(self.states)))
         sums[:, SPACE] = length * width * height / self.bins
         self._add_bodies(state, slabs, sums)
