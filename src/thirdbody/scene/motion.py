@@ -5,10 +5,18 @@ from typing import Annotated, Any, Literal
 from pydantic import PlainSerializer
 
 from thirdbody.schema.fields import Force, PositiveLength, PositiveNumber, PositiveTime, Quantity, ShortForm, Speed, Text
-from thirdbody.schema.parts import Part, one_or_more
+from thirdbody.schema.parts import Part, Wrong, one_or_more
 
 
-class Constant(Part):
+class Driven(Part):
+    """What all stages of a motion have."""
+
+    through: Annotated[float, Quantity(dimension="stiffness", gt=0)] | None = None
+    """Stiffness of a spring between this motion, that of a base, and the upper plate along this axis: the compliance of a rig. In
+    a list of stages it stands in the first one. Example: "1e6 N/m"."""
+
+
+class Constant(Driven):
     """A constant velocity [m/s]; in a list of stages for `duration` [s]."""
 
     velocity: Speed
@@ -17,7 +25,7 @@ class Constant(Part):
     """Duration; required before another stage. Example: "10 us"."""
 
 
-class Ramp(Part):
+class Ramp(Driven):
     """Linear change of the velocity to `ramp` [m/s] during `duration` [s]; constant afterwards."""
 
     ramp: Speed
@@ -33,7 +41,7 @@ class Pause(Part):
     """Duration of a stage without change. Example: "1 us"."""
 
 
-class Stroke(Part):
+class Stroke(Driven):
     """Reciprocating motion: stroke peak to peak [m] and frequency [Hz]; a sine starts from rest at one end.
 
     In a list of stages `cycles` is the number of cycles.
@@ -68,10 +76,18 @@ class Load(Part):
     """Duration of the change; without it sudden. Example: "1 us"."""
 
 
-Drive = Constant | Ramp | Pause | Stroke | Table
+class Rest(Driven, Pause):
+    """Rest of a motion for a time [s]."""
+
+
+class Path(Driven, Table):
+    """Displacement from a CSV file with a header `time (unit), displacement (unit)`, linear in between."""
+
+
+Drive = Constant | Ramp | Rest | Stroke | Path
 LoadStage = Load | Pause | Table
 
-_DRIVES: dict[str, type[Part]] = {"velocity": Constant, "ramp": Ramp, "pause": Pause, "stroke": Stroke, "table": Table}
+_DRIVES: dict[str, type[Part]] = {"velocity": Constant, "ramp": Ramp, "pause": Rest, "stroke": Stroke, "table": Path}
 _LOADS: dict[str, type[Part]] = {"load": Load, "pause": Pause, "table": Table}
 
 
@@ -103,6 +119,17 @@ class Motion(Part):
     """Motion along this axis after settling, a stage or a list; by default at rest. Example: {velocity = "1 m/s"}."""
     y: Stages | None = None
     """Motion along this axis after settling, a stage or a list; by default at rest. Example: {velocity = "1 m/s"}."""
+
+    def checks(self) -> list[Wrong]:
+        late = "belongs to the first stage: the spring is that of the whole motion along this axis"
+        axes = {"x": self.x or (), "y": self.y or ()}
+        return [((axis, k, "through"), late) for axis, stages in axes.items() for k in range(1, len(stages)) if stages[k].through]
+
+    @property
+    def through(self) -> tuple[float, float]:
+        """Stiffness of the springs along x and y [N/m]; 0: none."""
+        x, y = (stages[0].through or 0.0 if stages else 0.0 for stages in (self.x, self.y))
+        return x, y
 
     def moving(self) -> bool:
         """Return whether anything ever moves."""
