@@ -97,13 +97,16 @@ def test_below_a_critical_stiffness_the_plate_sticks(plate, solver):
         motion = f'{{x = {{stroke = "{stroke} m", frequency = "5 Hz", through = "{k} N/m"}}}}'
         simulation = tripods(motion, {"duration": "1 s"} | solver, supports[plate])
         rows, lines, residual = follow(simulation, np.linspace(0.0, 0.4, 33)[1:])
-        late, friction = rows[16:], lines["friction"]
+        late, before = rows[16:], lines["friction"] + lines["numerical"]
         expected = max(k * stroke / (k + elastic), stroke - 2.0 * slip / k)
         # the tilt shifts 3 % of the load from ball to ball, so some slip a little earlier; a foundation tilts more
         assert np.ptp(late[:, 1]) == pytest.approx(expected, rel=0.01)
-        lost = follow(simulation, [0.6])[1]["friction"] - friction
+        after = follow(simulation, [0.6])[1]  # another cycle
+        lost = after["friction"] + after["numerical"] - before
         gross = 2.0 * slip * max(stroke - 2.0 * slip / k - 2.0 * slip / elastic, 0.0)
-        assert lost == pytest.approx(gross, rel=0.03, abs=0.01 * slip * stroke)
+        # that shift rounds the corners of the loop; without inertia steps may err by more than the stroke, and take few
+        corners = (0.05 if solver.get("inertia", True) else 0.15) * 2.0 * slip * 2.0 * slip / elastic
+        assert lost == pytest.approx(gross, abs=corners if gross else 1e-3 * slip * stroke)
         assert residual < CLOSED
 
 
