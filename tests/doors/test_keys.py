@@ -26,11 +26,12 @@ TABLES = {
 """Keys that hold nothing but tables, whose own keys are listed."""
 OF_EFFECTS = {
     "series": {"energy_plastic", "energy_adhesion", "energy_body_effects", "scene_time", "inside", "ejected"}
+    | {"base_displacement", "energy_drive_spring"}
     | {f"count_{reason}" for reason in REASONS},
     "bodies": {"plastic_work", "adhesion_work", "agglomerate", "scene_id"},
     "contacts": {"twist_moment", "twist_utilisation", "moment", "rolling_utilisation"},
 }  # fmt: skip
-"""Names that ask for effects, for a sample of the bodies, for a scaled speed, or for a contact with an edge."""
+"""Names that ask for effects, for a sample of the bodies, for a scaled speed, for a contact with an edge, or for a spring."""
 
 
 @pytest.fixture(scope="module")

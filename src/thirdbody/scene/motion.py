@@ -12,8 +12,8 @@ class Driven(Part):
     """What all stages of a motion have."""
 
     through: Annotated[float, Quantity(dimension="stiffness", gt=0)] | None = None
-    """Stiffness of a spring between this motion, that of a base, and the upper plate along this axis: the compliance of a rig. In
-    a list of stages it stands in the first one. Example: "1e6 N/m"."""
+    """Stiffness of the spring through which a base with this motion pulls the plate; in a list only in the first stage.
+    Example: "1e6 N/m"."""
 
 
 class Constant(Driven):
@@ -121,7 +121,7 @@ class Motion(Part):
     """Motion along this axis after settling, a stage or a list; by default at rest. Example: {velocity = "1 m/s"}."""
 
     def checks(self) -> list[Wrong]:
-        late = "belongs to the first stage: the spring is that of the whole motion along this axis"
+        late = "belongs to the first stage: the spring is that of the whole axis"
         axes = {"x": self.x or (), "y": self.y or ()}
         return [((axis, k, "through"), late) for axis, stages in axes.items() for k in range(1, len(stages)) if stages[k].through]
 
