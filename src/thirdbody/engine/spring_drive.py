@@ -66,7 +66,11 @@ class SpringDrive:
         one = self.plate.integrator
         self.base = np.array([value_before(axis, time, time + dt) for axis in (one.schedule.x, one.schedule.y)])
         self.dt, self.velocity, self.first = dt, np.array(velocity), True
+        if not np.any(self.row[drive.SLOPE4]):
+            self.row[drive.SLOPE4] = -np.eye(2).ravel() * one.memory[:, step_memory.STIFFNESS].sum()
         converged = self._slip(self._limit())
+        if not converged:  # forget what was learnt
+            self.row[drive.SLOPE4] = 0.0
         trial = self.last
         return trial.lift, trial.error, converged and trial.solved, tuple(self._mean(trial.moved))  # type: ignore[return-value]
 
@@ -143,10 +147,7 @@ class SpringDrive:
         one, Y, on = self.plate.integrator, self.row, self.on
         rate = self._weights()[1] / self.dt
         stiffness = Y[drive.STIFFNESS2] + float(one.accuracy.inertia) * Y[drive.MASS] * rate * rate
-        slope = (
-            Y[drive.SLOPE4].reshape(2, 2) if np.any(Y[drive.SLOPE4]) else -np.eye(2) * one.memory[:, step_memory.STIFFNESS].sum()
-        )
-        matrix = (np.diag(stiffness) - slope)[np.ix_(on, on)]
+        matrix = (np.diag(stiffness) - Y[drive.SLOPE4].reshape(2, 2))[np.ix_(on, on)]
         change = np.zeros(2)
         change[on] = np.linalg.solve(matrix, trial.rest[on])
         longest, size = control.longest_drag.py_func(one.settings, self.plate.memory), float(np.linalg.norm(change))

@@ -7,31 +7,29 @@ from pydantic import PlainSerializer
 from thirdbody.schema.fields import Force, PositiveLength, PositiveNumber, PositiveTime, Quantity, ShortForm, Speed, Text
 from thirdbody.schema.parts import Part, Wrong, one_or_more
 
-
-class Driven(Part):
-    """What all stages of a motion have."""
-
-    through: Annotated[float, Quantity(dimension="stiffness", gt=0)] | None = None
-    """Stiffness of the spring through which a base with this motion pulls the plate; in a list only in the first stage.
-    Example: "1e6 N/m"."""
+Through = Annotated[float, Quantity(dimension="stiffness", gt=0)] | None
 
 
-class Constant(Driven):
+class Constant(Part):
     """A constant velocity [m/s]; in a list of stages for `duration` [s]."""
 
     velocity: Speed
     """Constant velocity. Example: "1 m/s"."""
     duration: PositiveTime | None = None
     """Duration; required before another stage. Example: "10 us"."""
+    through: Through = None
+    """Stiffness of the spring through which this motion pulls the plate; only in the first stage. Example: "1e6 N/m"."""
 
 
-class Ramp(Driven):
+class Ramp(Part):
     """Linear change of the velocity to `ramp` [m/s] during `duration` [s]; constant afterwards."""
 
     ramp: Speed
     """Velocity at the end of a linear change, constant afterwards. Example: "1 m/s"."""
     duration: PositiveTime
     """Duration of the change. Example: "1 us"."""
+    through: Through = None
+    """Stiffness of the spring through which this motion pulls the plate; only in the first stage. Example: "1e6 N/m"."""
 
 
 class Pause(Part):
@@ -41,7 +39,7 @@ class Pause(Part):
     """Duration of a stage without change. Example: "1 us"."""
 
 
-class Stroke(Driven):
+class Stroke(Part):
     """Reciprocating motion: stroke peak to peak [m] and frequency [Hz]; a sine starts from rest at one end.
 
     In a list of stages `cycles` is the number of cycles.
@@ -55,6 +53,8 @@ class Stroke(Driven):
     """Displacement over time; a sine starts from rest at one end. Example: "triangle"."""
     cycles: PositiveNumber | None = None
     """Number of cycles; required before another stage. Example: 3."""
+    through: Through = None
+    """Stiffness of the spring through which this motion pulls the plate; only in the first stage. Example: "1e6 N/m"."""
 
 
 class Table(Part):
@@ -76,12 +76,18 @@ class Load(Part):
     """Duration of the change; without it sudden. Example: "1 us"."""
 
 
-class Rest(Driven, Pause):
+class Rest(Pause):
     """Rest of a motion for a time [s]."""
 
+    through: Through = None
+    """Stiffness of the spring through which this motion pulls the plate; only in the first stage. Example: "1e6 N/m"."""
 
-class Path(Driven, Table):
+
+class Path(Table):
     """Displacement from a CSV file with a header `time (unit), displacement (unit)`, linear in between."""
+
+    through: Through = None
+    """Stiffness of the spring through which this motion pulls the plate; only in the first stage. Example: "1e6 N/m"."""
 
 
 Drive = Constant | Ramp | Rest | Stroke | Path
