@@ -36,7 +36,7 @@ class CommonPlate:
     builds on this module. `carried`: whether the bodies carry it, else their patches move for themselves."""
 
     def __init__(self, integrator: Any, state: State, carried: bool) -> None:
-        self.integrator, self.carried, upper = integrator, carried, state.world.upper
+        self.integrator, self.carried, self.lift, upper = integrator, carried, 0.0, state.world.upper
         self.spring = SpringDrive(self, state.drive) if state.sprung else None
         if carried and len(state.P) == 1 and upper and not upper.foundation:
             # a rigid plate becomes the last row of the patches, and every body gets a copy that follows it

@@ -137,6 +137,15 @@ class Motion(Part):
         x, y = (stages[0].through or 0.0 if stages else 0.0 for stages in (self.x, self.y))
         return x, y
 
+    @property
+    def springs(self) -> dict[str, float]:
+        """Stiffness [N/m] of each spring by its key in this table."""
+        firsts = {
+            "x.0" if len(self.x or ()) > 1 else "x": self.through[0],
+            "y.0" if len(self.y or ()) > 1 else "y": self.through[1],
+        }
+        return {f"{first}.through": through for first, through in firsts.items() if through}
+
     def moving(self) -> bool:
         """Return whether anything ever moves."""
         drives = (*(self.x or ()), *(self.y or ()))
