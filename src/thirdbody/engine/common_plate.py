@@ -104,7 +104,7 @@ class CommonPlate:
             if dt < one.settings[step_settings.SHORTEST] or ends[:, body_solution.CROWDED].any():
                 if not lost.any():
                     raise GuardStop(
-                        f"stopped at t = {time:.6g} s: no balance was found for the upper plate, which acts on all bodies together"
+                        f"stopped at t = {time:.6g} s: no balance was found for the upper plate, which all bodies share"
                     )
                 body = int(np.argmax(lost))
                 crowded = ends[body, body_solution.CROWDED] > 0.0
