@@ -27,11 +27,12 @@ TABLES = {
 OF_EFFECTS = {
     "series": {"energy_plastic", "energy_adhesion", "energy_body_effects", "scene_time", "inside", "ejected"}
     | {"wall_force_near", "wall_force_far"}
+    | {"base_displacement", "energy_drive_spring"}
     | {f"count_{reason}" for reason in REASONS},
     "bodies": {"plastic_work", "adhesion_work", "agglomerate", "scene_id", "exit_position", "exit_distance"},
     "contacts": {"twist_moment", "twist_utilisation", "moment", "rolling_utilisation"},
 }  # fmt: skip
-"""Names that ask for effects, for a sample of the bodies, for a scaled speed, for side walls, or for a contact with an edge."""
+"""Names that ask for effects, a sample of the bodies, a scaled speed, side walls, a contact with an edge, or a spring."""
 
 
 @pytest.fixture(scope="module")

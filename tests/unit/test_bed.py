@@ -249,7 +249,8 @@ def kinematics_of(bodies, contacts, meet=True):
     upper = SimpleNamespace(schedule=Schedule(x=(Segment(0.0, motion.POLYNOMIAL, 0.0, V),)))
     world = SimpleNamespace(upper=upper, lower=0, debris_meets=meet, walls=False)
     rows = SimpleNamespace(velocity=velocity, spin=spin)
-    return SimpleNamespace(bodies=rows, slots=slots, body=np.arange(len(bodies)), n_bodies=len(bodies), world=world, time=1.0)
+    return SimpleNamespace(bodies=rows, slots=slots, body=np.arange(len(bodies)), n_bodies=len(bodies), world=world, time=1.0,
+                           sprung=False)  # fmt: skip
 
 
 def parts(*arguments, **keys):

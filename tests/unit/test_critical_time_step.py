@@ -80,7 +80,7 @@ def heap(seed: int, bodies: int, most: int, size: float = 2.0, foundation: bool 
         time=0.0, A=np.zeros(run_totals.WIDTH),
         order=rng.permutation(bodies), material=np.zeros(bodies, int), rayleigh_radius=np.full(bodies, 1e6),
         physics=SimpleNamespace(stiffness=stiffness, stiffness_at=address(stiffness, LAW), pairs=PAIRS),
-        world=SimpleNamespace(upper=None),
+        world=SimpleNamespace(upper=None), drive=np.zeros(0), sprung=False,
     )  # fmt: skip
     find(state, rng)
     return state

@@ -185,8 +185,9 @@ def plan(scene: Scene, choice: CompiledPhysics, state: State, upper: Upper, befo
     `before`: the integrator with which a run began, which goes on with it.
     """
     wanted, obstacle = scene.solver.integrator, _obstacle(scene, choice, state)
-    if wanted != "explicit" and scene.solver.on_failure == "continue" and carried_together(state):
-        message = "'continue' leaves a body behind, but here all bodies carry one plate together"
+    if wanted != "explicit" and scene.solver.on_failure == "continue" and (carried_together(state) or state.sprung):
+        does = "pull" if state.sprung else "carry"
+        message = f"'continue' leaves a body behind, but here all bodies {does} one plate together"
         raise InputError(scene.fault(("solver", "on_failure"), message))
     if wanted != "explicit" and scene.solver.inertia is False and smallest_load(state.world.schedule) <= 0.0:
         message = "false needs a load at all times: without load and inertia the position of a body is undetermined"
@@ -335,7 +336,7 @@ def implicit(scene: Scene, choice: CompiledPhysics, state: State, upper: Upper, 
     from thirdbody.engine.implicit_ensemble import ImplicitEnsemble, is_ensemble
 
     together = carried_together(state)
-    kind = ImplicitEnsemble if is_ensemble(state) and not together else Implicit
+    kind = ImplicitEnsemble if is_ensemble(state) and not (together or state.sprung) else Implicit
     built = kind(state, list(choice.materials), tangents, upper.overlap * smallest, chosen, together=together)
     built.start()
     return built
@@ -347,11 +348,12 @@ def units_of(chosen: Plan, state: State) -> tuple[str, ...]:
         return EXPLICIT
     from thirdbody.engine.implicit_ensemble import is_ensemble
 
+    together = carried_together(state) or state.sprung
     parts = {
-        "ensemble": is_ensemble(state) and not carried_together(state), "pairs": state.world.debris_meets,
+        "ensemble": is_ensemble(state) and not together, "pairs": state.world.debris_meets,
         "rough": state.world.rough, "spots": len(state.physics.interaction) > 0,
     }  # fmt: skip
-    own = "common_plate" if carried_together(state) else "driver"
+    own = "common_plate" if together else "driver"
     return own, *(name for name, needed in parts.items() if needed), "search", "books", "labels"
 
 

@@ -31,7 +31,7 @@ def schedule(scene: Scene, start: float) -> Schedule:
     if plate.gap is not None and plate.closing:
         gap = (Segment(0.0, POLYNOMIAL, plate.gap, -plate.closing),)
     x, y = (_axis(scene, name, getattr(plate.motion, name) or (), start) for name in "xy")
-    return Schedule(x, y, gap, _loading(scene, plate.loading or (), start))
+    return Schedule(x, y, gap, _loading(scene, plate.loading or (), start), plate.motion.through)
 
 
 def first_load(scene: Scene) -> float:

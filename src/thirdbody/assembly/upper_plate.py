@@ -109,8 +109,8 @@ class _Layer:
                 "at constant gap a tipping particle wedges and its normal force has no bound; a load lets it tip"
             )
         settle = 0.0 if isinstance(scene.solver.settle, str) else scene.solver.settle
-        patch, zero = np.zeros(len(self.top), np.int64), np.zeros(1)
-        plate = PatchedPlate(self.material, np.array([gap]), np.ones(1), zero, zero, False, patch, schedule(scene, settle))
+        patch, zero, mass = np.zeros(len(self.top), np.int64), np.zeros(1), np.full(1, self.plate.mass or self.mass.sum())
+        plate = PatchedPlate(self.material, np.array([gap]), mass, zero, zero, False, patch, schedule(scene, settle))
         return Upper(plate, settle)
 
     def each_loaded(self) -> Upper:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from thirdbody.engine.spring_drive import SpringDrive
 from thirdbody.engine.state import Action, Array, State
 from thirdbody.engine.units import BATCH
 from thirdbody.engine.upper_plate import direct_reaction, value_before
@@ -31,11 +32,13 @@ Step = tuple[float, float, float]  # step of the plate: rise [m]; velocity [m/s]
 
 
 class CommonPlate:
-    """A free plate that all bodies carry, the last patch: it makes the steps of an `Implicit`, which builds on this module."""
+    """A plate that all bodies carry, the last patch, or that springs drive, or both: it makes the steps of an `Implicit`, which
+    builds on this module. `carried`: whether the bodies carry it, else their patches move for themselves."""
 
-    def __init__(self, integrator: Any, state: State) -> None:
-        self.integrator, upper = integrator, state.world.upper
-        if len(state.P) == 1 and upper and not upper.foundation:
+    def __init__(self, integrator: Any, state: State, carried: bool) -> None:
+        self.integrator, self.carried, self.lift, upper = integrator, carried, 0.0, state.world.upper
+        self.spring = SpringDrive(self, state.drive) if state.sprung else None
+        if carried and len(state.P) == 1 and upper and not upper.foundation:
             # a rigid plate becomes the last row of the patches, and every body gets a copy that follows it
             copies = np.repeat(state.P, state.n_bodies, axis=0)
             for column in (patch.FREE, patch.MASS, patch.DAMPING, patch.LOAD, patch.NOMINAL_LOAD, patch.DIRECT_PREFACTOR):
@@ -48,7 +51,9 @@ class CommonPlate:
     def start(self) -> None:
         for column in (step_memory.NEXT_DT, step_memory.LIMIT):
             self.memory[column] = self.integrator.memory[0, column]
-        kernel.book_direct(self.totals, self.integrator.state.P, 0.0, 0.0, 0.0, 0.0)  # the force at the start
+        self.integrator.settings[step_settings.COMMON] = float(self.carried)
+        if self.carried:
+            kernel.book_direct(self.totals, self.integrator.state.P, 0.0, 0.0, 0.0, 0.0)  # the force at the start
 
     def tables(self) -> dict[str, Array]:
         return {"plate": self.totals, "plate_memory": self.memory}
@@ -77,10 +82,13 @@ class CommonPlate:
         while True:
             whole = dt >= NEARLY * (end - time)
             dt = end - time if whole else dt
-            v_x, v_y = kernel.plate_velocity_of(time, context, dt)
-            if one.schedule.load:  # at the end of a step that crosses no breakpoint
+            velocity = kernel.plate_velocity_of(time, context, dt)
+            if one.schedule.load and self.carried:  # at the end of a step that crosses no breakpoint
                 row[patch.LOAD] = row[patch.NOMINAL_LOAD] * value_before(one.schedule.load, time, time + dt)
-            step, error, converged = self._solve(dt, (v_x, v_y))
+            if self.spring:
+                step, error, converged, velocity = self.spring.solve(time, dt, velocity)
+            else:
+                step, error, converged = self.solve_height(dt, velocity)
             error = max(error, float(ends[:, body_solution.ERROR].max()))
             rotation = float(ends[:, body_solution.ROTATION].max())
             if converged and error <= 1.0 and rotation <= MAX_ROTATION:
@@ -96,14 +104,19 @@ class CommonPlate:
             if dt < one.settings[step_settings.SHORTEST] or ends[:, body_solution.CROWDED].any():
                 if not lost.any():
                     raise GuardStop(
-                        f"stopped at t = {time:.6g} s: no balance was found for the upper plate, which all bodies carry together"
+                        f"stopped at t = {time:.6g} s: no balance was found for the upper plate, which all bodies share"
                     )
                 body = int(np.argmax(lost))
                 crowded = ends[body, body_solution.CROWDED] > 0.0
                 one.memory[body, step_memory.CODE] = BodyStop.CROWDED if crowded else BodyStop.UNSOLVED
                 raise GuardStop(one.explain(body))
-        self.each_island(kernel.accept_at, (end, whole, cuts), Motion(dt, v_x, v_y))
-        self._accept(dt, step, load, (v_x, v_y))
+        before = self._drag_work() if self.spring else 0.0
+        self.each_island(kernel.accept_at, (end, whole, cuts), Motion(dt, *velocity))
+        if self.carried:
+            self._accept(dt, step, load, velocity)
+        if self.spring:
+            self.spring.accept(dt, self._drag_work() - before)
+        T[step_memory.LAST_DT] = dt
         body = body if cuts else int(np.argmax(ends[:, body_solution.ERROR]))
         one.memory[body, step_memory.LIMITED + cause] += 1.0
         easy = ends[:, body_solution.ITERATIONS].max() <= 2 * EASY
@@ -111,14 +124,21 @@ class CommonPlate:
         if whole and kernel.next_breakpoint_after(time, context, math.inf) <= end:
             one.memory[:, step_memory.LAST_DT] = T[step_memory.LAST_DT] = 0.0
 
-    def _solve(self, dt: float, velocity: tuple[float, float]) -> tuple[Step, float, bool]:
-        """Return the step of the plate to its equilibrium, its error over the tolerance, and whether it was found."""
+    def _drag_work(self) -> float:
+        return float(self.integrator.totals[:, run_totals.DRAG_WORK].sum() + self.totals[run_totals.DRAG_WORK])
+
+    def solve_height(self, dt: float, velocity: tuple[float, float], first_iteration: bool = True) -> tuple[Step, float, bool]:
+        """Return the step of the plate to its equilibrium, its error over the tolerance, and whether it was found; unless in the
+        `first_iteration`, begin at the last solution, of another `velocity` [m/s]."""
         one, T = self.integrator, self.memory
-        row, first_iteration, now = one.state.P[-1], True, float(one.state.P[-1, patch.VELOCITY])
-        displacement, low, high = now * dt, -math.inf, math.inf
+        if not self.carried:
+            self.each_island(kernel.solve_at, first_iteration, 0.0, Motion(dt, *velocity))
+            return (0.0, 0.0, 0.0), 0.0, bool(one.solutions[:, body_solution.SOLVED].all())
+        row, now = one.state.P[-1], float(one.state.P[-1, patch.VELOCITY])
+        displacement, low, high = now * dt if first_iteration else self.lift, -math.inf, math.inf
         for _ in range(ROUNDS):
             self.each_island(kernel.solve_at, first_iteration, displacement, Motion(dt, *velocity))
-            first_iteration, radius = False, float(one.memory[:, step_memory.CONTACT_RADIUS].max())
+            first_iteration, self.lift, radius = False, displacement, float(one.memory[:, step_memory.CONTACT_RADIUS].max())
             ratio, last_change = control.step_ratio.py_func(T, one.settings, dt), T[step_memory.LAST_DRISE]
             weight, before = control.bdf2_weights.py_func(ratio)
             speed = (weight * displacement - before * T[step_memory.LAST_COORDINATES + 6]) / dt
@@ -182,7 +202,6 @@ class CommonPlate:
         lost += (float(row[patch.LOAD]) - carried) * displacement
         self.totals[run_totals.NUMERICAL_LOSS] += mass * acceleration * displacement - kinetic + lost
         T[step_memory.LAST_COORDINATES + 6], T[step_memory.LAST_DRISE] = displacement, velocity_after - before
-        T[step_memory.LAST_DT] = dt
         row[patch.HEIGHT] += displacement
         row[patch.VELOCITY] = velocity_after
         if row[patch.DIRECT_PREFACTOR] > 0.0:

@@ -60,8 +60,9 @@ class Explicit:
         self.packer, self.announced = Packer(KINDS), np.zeros(step_loop.ANNOUNCED)
         upper = state.world.upper
         common = upper is not None and (upper.foundation is not None or (upper.free and len(upper.heights) == 1))
-        # whether no body influences another, neither by contact nor by a plate that they carry together
+        # whether no body influences another, neither by contact nor by a plate that they carry or pull together
         self.independent = not state.world.debris_meets and not (common and state.n_bodies > 1)
+        self.independent = self.independent and not state.sprung
         if self.independent and state.world.rough:
             # all spheres are candidates: what a body does must not depend on when others make a search due
             state.skin = state.D[domain.SKIN] = math.inf
@@ -305,12 +306,13 @@ def _contact_bounds(
     slots, physics = candidates or state.slots, state.physics
     context = limits.Assembly(  # type: ignore[call-arg]
         slots.n_plates, slots.own, slots.partner, slots.kind, slots.edges, slots.incidence, state.body, state.S, state.B,
-        state.E, state.orientations, _pressed(state, horizon), slots.Q, state.D, physics.pairs,
+        state.E, state.orientations, _pressed(state, horizon), slots.Q, state.D, physics.pairs, state.drive,
     )  # fmt: skip
     drag = float(state.A[run_totals.PLATE_SPEED]) * state.A[run_totals.HEADING2]
     tables = limits.Tables(  # each allocation in a kernel would cost 0.1 s of compilation
         np.empty((slots.count, contact_stiffness.WIDTH)), np.empty(slots.count, np.int32), np.empty((state.n_bodies, 2)),
-        np.zeros((len(state.P), 4)), np.empty(state.n_bodies, np.int64), np.empty((state.n_bodies, 4)), np.empty((4, 6, 8)),
+        np.zeros((len(state.P) + state.sprung, 4)), np.empty(state.n_bodies, np.int64), np.empty((state.n_bodies, 4)),
+        np.empty((4, 6, 8)),
     )  # fmt: skip
     ahead = limits.Horizon(horizon, max_overlap, float(drag[0]), float(drag[1]))
     # contacts with plates in one piece: those of a patch are summed in their order

@@ -5,18 +5,19 @@ import numpy as np
 from thirdbody.engine.state import State
 from thirdbody.engine.upper_plate import direct_reaction
 from thirdbody.errors import GuardStop
-from thirdbody.kernels.tables import LOWER, body, body_extra, domain, height_field, patch, record, run_totals
+from thirdbody.kernels.tables import LOWER, body, body_extra, domain, drive, height_field, patch, record, run_totals
 
 LINES = (
     "kinetic", "elastic_normal", "elastic_tangential", "damping", "friction", "plate_work", "body_effects", "numerical",
     "residual",
 )  # fmt: skip
 
-Stored = tuple[float, float, float, float, float]
+Stored = tuple[float, float, float, float, float, float]
 
 
 def stored_energies(state: State) -> Stored:
-    """Return the energies [J] at the last observed step: kinetic, elastic normal and tangential, foundation, direct contact."""
+    """Return the energies [J] at the last observed step: kinetic, elastic normal and tangential, foundation, direct contact,
+    springs of the drive."""
     B, E, P, kinetic = state.B, state.E, state.P, 0.0
     # of direct contact: the integral of the force from the present gap of the plate on
     direct = sum(direct_reaction(row, 0.0)[0] * float(row[patch.DIRECT_LENGTH]) for row in P[P[:, patch.DIRECT_PREFACTOR] > 0.0])
@@ -24,13 +25,20 @@ def stored_energies(state: State) -> Stored:
         kinetic = 0.5 * float(np.sum(B[:, body.MASS] * np.sum(B[:, body.VELOCITY3] ** 2, axis=1)))
         kinetic += 0.5 * float(np.sum(E[:, body_extra.ANGULAR_MOMENTUM3] * B[:, body.SPIN3]))
         kinetic += 0.5 * float(np.sum(P[:, patch.FREE] * P[:, patch.MASS] * P[:, patch.VELOCITY] ** 2))
+    pulled = 0.0
+    if state.sprung:
+        Y = state.drive
+        along = Y[drive.STIFFNESS2] > 0.0
+        pulled = 0.5 * float(np.sum(Y[drive.STIFFNESS2] * (Y[drive.BASE2] - Y[drive.DISPLACEMENT2]) ** 2))
+        kinetic += 0.5 * float(state.inertial * Y[drive.MASS] * np.sum(along * Y[drive.VELOCITY2] ** 2))
     springs = 0.5 * float(np.sum(P[:, patch.SPRING] * (P[:, patch.HEIGHT] - P[-1, patch.HEIGHT]) ** 2))
     if state.summed:
-        return kinetic, float(state.A[run_totals.STORED_NORMAL]), float(state.A[run_totals.STORED_TANGENTIAL]), springs, direct
+        normal, tangential = float(state.A[run_totals.STORED_NORMAL]), float(state.A[run_totals.STORED_TANGENTIAL])
+        return kinetic, normal, tangential, springs, direct, pulled
     rows = state.slots.rows
     stored = rows.records(rows.closed(), record.STORED_NORMAL, record.STORED_TANGENTIAL)
     normal, tangential = (float(each.sum()) for each in stored)
-    return kinetic, normal, tangential, springs, direct
+    return kinetic, normal, tangential, springs, direct, pulled
 
 
 class Ledger:
@@ -56,11 +64,11 @@ class Ledger:
     def lines(self, state: State, result: Stored | None = None) -> dict[str, float]:
         """Return the lines [J] of the ledger that exist in the scene, with the absolute `residual`; `result`: of
         `stored_energies`."""
-        kinetic, normal, tangential, springs, direct = result or stored_energies(state)
+        kinetic, normal, tangential, springs, direct, pulled = result or stored_energies(state)
         A = state.A
         gained = A[run_totals.PLATE_WORK] + A[run_totals.EFFECT_WORK]
         damping, friction, numerical = A[run_totals.DAMPING_WORK], A[run_totals.FRICTION_WORK], A[run_totals.NUMERICAL_LOSS]
-        spent = kinetic + normal + tangential + springs + direct - self.start
+        spent = kinetic + normal + tangential + springs + direct + pulled - self.start
         spent += damping + friction + A[run_totals.DIRECT_WORK]
         spent += numerical
         works = damping, friction, A[run_totals.PLATE_WORK], A[run_totals.EFFECT_WORK], numerical
@@ -74,6 +82,8 @@ class Ledger:
         upper = state.world.upper
         if upper and upper.foundation:
             lines["foundation"] = springs
+        if state.sprung:
+            lines["drive_spring"] = pulled
         if upper and upper.direct:
             lines["direct_elastic"] = direct
         if upper and (upper.direct or upper.zone):

@@ -64,7 +64,7 @@ class Implicit:
         together: bool = False,
     ) -> None:  # fmt: skip
         self.meeting = Meeting(self) if state.world.debris_meets else None
-        self.plate = CommonPlate(self, state) if together else None
+        self.plate = CommonPlate(self, state, together) if together or state.sprung else None
         self.earlier: dict[str, Array] = {}
         """Tables of an earlier instant by their name in a snapshot: a run can go on from there only; empty: from now."""
         self.accuracy = accuracy or Accuracy()
@@ -78,7 +78,7 @@ class Implicit:
             # a copy of a plate of prescribed height for each body, since bodies are at different times
             state.P, state.patch = np.repeat(state.P, state.n_bodies, axis=0), np.arange(state.n_bodies)
         self.totals = np.zeros((state.n_bodies, run_totals.WIDTH))
-        shared = state.n_bodies if together else 0
+        shared = state.n_bodies if self.plate else 0
         self.starts, self.ends = np.zeros((shared, step_start.WIDTH)), np.zeros((shared, FREEDOMS))
         self.solutions = np.zeros((shared, body_solution.WIDTH))
         self.paths = np.zeros((state.n_spheres if self.meets else 0, sphere_path.WIDTH))

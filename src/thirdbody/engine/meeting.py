@@ -159,6 +159,7 @@ class Meeting:
         tables = {name: getattr(one.state, name) for name in STATE}
         tables |= {f"slots_{name}": getattr(one.state.slots, name) for name in SLOTS}
         tables |= {"W": one.state.W} if one.state.physics.measures else {}
+        tables |= {"drive": one.state.drive} if one.state.sprung else {}
         own = {"totals": one.totals, "memory": one.memory} | (one.plate.tables() if one.plate else {})
         return tables | {f"integrator_{name}": table for name, table in own.items()}
 

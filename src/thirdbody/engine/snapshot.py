@@ -94,6 +94,7 @@ def _refuse_other_pairs(captured: Snapshot, state: State) -> None:
 
 def _fixed(state: State) -> dict[str, Array]:
     measured = {"W": state.W, "maps": state.maps} if state.physics.measures else {}
+    measured |= {"drive": state.drive} if state.sprung else {}
     own_table = state.sphere_table is not None and state.sphere_table is not state.B
     return {name: getattr(state, name) for name in FIXED if name != "S" or own_table} | measured
 

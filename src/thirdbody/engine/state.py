@@ -158,6 +158,7 @@ class State:
     W: Array = field(default_factory=lambda: np.zeros((0, 0)))  # like `maps` what measures have collected
     maps: Array = field(default_factory=lambda: np.zeros((0, 2, 1, 1)))
     radii: Array = field(default_factory=lambda: np.zeros(0))  # of spheres that are not kept
+    drive: Array = field(default_factory=lambda: np.zeros(0))  # row of `tables.drive`; empty: the plate follows its schedule
     dt: float = 0.0
     searches: int = 0
     summed: bool = False  # whether the integrator sums the elastic energies; otherwise they come from the records
@@ -204,6 +205,15 @@ class State:
         given = self.given
         counts = np.diff(self.start)[given]
         return np.repeat(self.start[given] - (np.cumsum(counts) - counts), counts) + np.arange(self.n_spheres)
+
+    @property
+    def sprung(self) -> bool:
+        """Whether springs drive the upper plate."""
+        return len(self.drive) > 0
+
+    def plate_displacement(self) -> tuple[float, float]:
+        """Return the displacement of the upper plate now, along x and y [m]."""
+        return tuple(self.drive[tables.drive.DISPLACEMENT2]) if self.sprung else self.world.schedule.displacement_at(self.time)
 
     @property
     def bodies(self) -> Rows:
@@ -286,6 +296,10 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
         slots=empty_slots(width, record_width(physics.rolling)), skin=skin,
         order=np.arange(n_bodies) if order is None else order,
     )  # fmt: skip
+    if world.schedule.sprung:
+        state.drive = np.zeros(tables.drive.WIDTH)
+        state.drive[tables.drive.STIFFNESS2] = world.schedule.through
+        state.drive[tables.drive.MASS] = P[:, patch.MASS].sum()
     if physics.measures:
         state.W, state.maps = physics.measures.tables(n_bodies)
     refresh_spheres(state)
@@ -328,7 +342,7 @@ def constant_arguments(state: State, drag: Array) -> dict[str, Any]:
         "body": s.body, "start": s.start, "patch": s.patch, "offsets": s.offsets, "B": s.B, "E": s.E,
         "orientations": s.orientations, "P": s.P, "M": s.M, "D": s.D, "schedule": s.schedule, "first": s.first,
         "lower": s.lower_surface, "upper": s.upper_surface, "drag": drag, "pairs": physics.pairs,
-        "zone": s.world.zone.row if s.world.zone else FLAT,
+        "zone": s.world.zone.row if s.world.zone else FLAT, "spring": s.drive,
         "interaction": physics.interaction, "effect_parameters": physics.effect_parameters,
         "n_history": len(physics.history), "field_begin": begin, "field_size": size, "rolling": physics.rolling,
         "force": force, "moment": moment, "twist": twist, "stored": physics.stored, "dashpots": physics.dashpots,

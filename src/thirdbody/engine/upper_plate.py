@@ -53,12 +53,15 @@ Axis = tuple[Segment, ...]
 
 @dataclass(frozen=True)
 class Schedule:
-    """Prescribed lateral motion x, y [m], height of the plate [m], load over the initial load."""
+    """Prescribed lateral motion x, y [m], height of the plate [m], load over the initial load.
+
+    `through`: stiffness of springs along x and y [N/m], through which that motion drives the plate; 0: the plate follows it."""
 
     x: Axis = ()
     y: Axis = ()
     gap: Axis = ()
     load: Axis = ()
+    through: tuple[float, float] = (0.0, 0.0)
 
     def tables(self) -> tuple[Array, Ints]:
         axes = self.x, self.y, self.gap, self.load
@@ -69,6 +72,10 @@ class Schedule:
     @property
     def moves(self) -> bool:
         return _moving((*self.x, *self.y))
+
+    @property
+    def sprung(self) -> bool:
+        return any(self.through)
 
     def direction(self) -> tuple[float, float]:
         """Return the unit vector of the first lateral motion, (0, 0) if there is none."""

@@ -108,6 +108,8 @@ KINDS: Kinds = {
     "lower": _ROW, "upper": _ROW,
     # contact of the first bodies (`kernels.contact_zone`), empty without a pressure profile
     "zone": _ROW,
+    # lateral motion of the upper plate (`kernels.drive`), empty where it follows its schedule
+    "spring": _ROW,
     # prescribed motion (`kernels.schedule`) and its planned direction; scratch of each part
     "schedule": _TABLE, "first": _I1,
     "scratch": _TABLE, "marks": _S2, "rows": types.Array(types.float64, 3, "C"), "moved": _S1,

@@ -14,6 +14,7 @@ step_settings = Table(
     growth=number("", "largest ratio of a step to the last one"),
     radii=number("", "longest drag of a step over the radius of the largest contact"),
     work=number("", "error of a step in the friction work, in parts of the energies in play"),
+    common=number("", "1: all bodies carry one plate, the last patch"),
 )
 
 step_memory = Table(
@@ -83,6 +84,7 @@ body_solution = Table(
     solved=number("", "1: its equilibrium was found"),
     push=number("N", "force on the plate, upwards"),
     slope=number("N/m", "change of that force with the displacement of the plate, the body following"),
+    pull=vector(2, "N", "force on the plate along x and y; only where springs drive it"),
     error=number("", "error of the step over what is allowed"),
     rotation=number("rad", "rotation in the step"),
     iterations=number("", "iterations of Newton's method"),

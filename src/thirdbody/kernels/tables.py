@@ -113,6 +113,20 @@ zone = Table(
     count=vector(2, "", "of a map: nodes along x and y"),
 )
 
+drive = Table(
+    "Y",
+    "lateral motion of the upper plate, where a base drives it through springs (`kernels.drive`)",
+    stiffness=vector(2, "N/m", "of the springs along x and y; 0: none, the plate moves as the base"),
+    mass=number("kg", "mass of the plate and its patches"),
+    base=vector(2, "m", "displacement of the base"),
+    base_velocity=vector(2, "m/s", "its mean velocity in the last step"),
+    displacement=vector(2, "m", "displacement of the plate"),
+    velocity=vector(2, "m/s", "its velocity; inside an explicit step that of mid-step"),
+    force=vector(2, "N", "force of the springs on the plate"),
+    push=vector(2, "N", "force of the debris on the plate"),
+    slope=vector(4, "N/m", "implicit: estimated change of both forces with the displacement of the plate, by rows"),
+)
+
 domain = Table(
     "D",
     "the run: periodic lengths and limits",

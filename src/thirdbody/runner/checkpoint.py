@@ -86,7 +86,7 @@ def prints_of(simulation: Simulation) -> dict[str, str]:
             state.E[:, body_extra.LONGEST_ARM : body_extra.INERTIA + 3],
         ],
         "the parameters of laws and effects": [physics.pairs, physics.effect_parameters],
-        "the motion of the plates": [state.schedule, state.first],
+        "the motion of the plates": [state.schedule, state.first, *([state.drive[:3]] if state.sprung else [])],
     }
     if state.world.rough:
         tables["the surfaces of the plates"] = [state.lower_surface, state.upper_surface]

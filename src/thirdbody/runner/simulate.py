@@ -67,10 +67,12 @@ def likely_units(scene: Scene) -> tuple[str, ...]:
     upper, solver = scene.plates.upper, scene.solver
     if upper is None or upper.support != "load_per_particle" or solver.integrator == "explicit" or solver.time_step != "auto":
         return EXPLICIT
+    sprung = any(upper.motion.through)
+    own, others = "common_plate" if sprung else "driver", ("search", "books", "labels")
     if scene.contact.debris_contact == "auto" and any(hasattr(debris, "placement") for debris in scene.debris):
-        return "driver", "pairs", "search", "books", "labels"
+        return own, "pairs", *others
     many = sum(getattr(debris, "count", None) or 1 for debris in scene.debris) > BATCH
-    return ("driver", "ensemble", "search", "books", "labels") if many else ("driver", "search", "books", "labels")
+    return (own, "ensemble", *others) if many and not sprung else (own, *others)
 
 
 def check_call(plugins: object = (), progress: object = True, **flags: object) -> None:

@@ -5,7 +5,9 @@ from typing import Annotated, Any, Literal
 from pydantic import PlainSerializer
 
 from thirdbody.schema.fields import Force, PositiveLength, PositiveNumber, PositiveTime, Quantity, ShortForm, Speed, Text
-from thirdbody.schema.parts import Part, one_or_more
+from thirdbody.schema.parts import Part, Wrong, one_or_more
+
+Through = Annotated[float, Quantity(dimension="stiffness", gt=0)] | None
 
 
 class Constant(Part):
@@ -15,6 +17,8 @@ class Constant(Part):
     """Constant velocity. Example: "1 m/s"."""
     duration: PositiveTime | None = None
     """Duration; required before another stage. Example: "10 us"."""
+    through: Through = None
+    """Stiffness of the spring through which this motion pulls the plate; only in the first stage. Example: "1e6 N/m"."""
 
 
 class Ramp(Part):
@@ -24,6 +28,8 @@ class Ramp(Part):
     """Velocity at the end of a linear change, constant afterwards. Example: "1 m/s"."""
     duration: PositiveTime
     """Duration of the change. Example: "1 us"."""
+    through: Through = None
+    """Stiffness of the spring through which this motion pulls the plate; only in the first stage. Example: "1e6 N/m"."""
 
 
 class Pause(Part):
@@ -47,6 +53,8 @@ class Stroke(Part):
     """Displacement over time; a sine starts from rest at one end. Example: "triangle"."""
     cycles: PositiveNumber | None = None
     """Number of cycles; required before another stage. Example: 3."""
+    through: Through = None
+    """Stiffness of the spring through which this motion pulls the plate; only in the first stage. Example: "1e6 N/m"."""
 
 
 class Table(Part):
@@ -68,10 +76,24 @@ class Load(Part):
     """Duration of the change; without it sudden. Example: "1 us"."""
 
 
-Drive = Constant | Ramp | Pause | Stroke | Table
+class Rest(Pause):
+    """Rest of a motion for a time [s]."""
+
+    through: Through = None
+    """Stiffness of the spring through which this motion pulls the plate; only in the first stage. Example: "1e6 N/m"."""
+
+
+class Path(Table):
+    """Displacement from a CSV file with a header `time (unit), displacement (unit)`, linear in between."""
+
+    through: Through = None
+    """Stiffness of the spring through which this motion pulls the plate; only in the first stage. Example: "1e6 N/m"."""
+
+
+Drive = Constant | Ramp | Rest | Stroke | Path
 LoadStage = Load | Pause | Table
 
-_DRIVES: dict[str, type[Part]] = {"velocity": Constant, "ramp": Ramp, "pause": Pause, "stroke": Stroke, "table": Table}
+_DRIVES: dict[str, type[Part]] = {"velocity": Constant, "ramp": Ramp, "pause": Rest, "stroke": Stroke, "table": Path}
 _LOADS: dict[str, type[Part]] = {"load": Load, "pause": Pause, "table": Table}
 
 
@@ -103,6 +125,26 @@ class Motion(Part):
     """Motion along this axis after settling, a stage or a list; by default at rest. Example: {velocity = "1 m/s"}."""
     y: Stages | None = None
     """Motion along this axis after settling, a stage or a list; by default at rest. Example: {velocity = "1 m/s"}."""
+
+    def checks(self) -> list[Wrong]:
+        late = "belongs to the first stage: the spring is that of the whole axis"
+        axes = {"x": self.x or (), "y": self.y or ()}
+        return [((axis, k, "through"), late) for axis, stages in axes.items() for k in range(1, len(stages)) if stages[k].through]
+
+    @property
+    def through(self) -> tuple[float, float]:
+        """Stiffness of the springs along x and y [N/m]; 0: none."""
+        x, y = (stages[0].through or 0.0 if stages else 0.0 for stages in (self.x, self.y))
+        return x, y
+
+    @property
+    def springs(self) -> dict[str, float]:
+        """Stiffness [N/m] of each spring by its key in this table."""
+        firsts = {
+            "x.0" if len(self.x or ()) > 1 else "x": self.through[0],
+            "y.0" if len(self.y or ()) > 1 else "y": self.through[1],
+        }
+        return {f"{first}.through": through for first, through in firsts.items() if through}
 
     def moving(self) -> bool:
         """Return whether anything ever moves."""

@@ -207,6 +207,8 @@ def thin(scene: Scene, bodies: int, fraction: float, fewest: int = FEWEST) -> di
         for key, kind in carried.items():
             if (value := getattr(upper, key)) is not None:
                 changes[f"plates.upper.{key}"] = units.format_si(near**2 * value, kind)
+        for key, through in (upper.motion.springs if upper else {}).items():  # fewer bodies pull the plate
+            changes[f"plates.upper.motion.{key}"] = units.format_si(near**2 * through, "stiffness")
         try:
             scene.with_settings(changes)
         except InputError:  # a domain shorter than the waves of its surfaces

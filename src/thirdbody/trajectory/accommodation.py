@@ -25,7 +25,7 @@ import numpy as np
 
 from thirdbody.engine.state import State
 from thirdbody.engine.upper_plate import rate_before
-from thirdbody.kernels.tables import LOWER, UPPER
+from thirdbody.kernels.tables import LOWER, UPPER, drive
 from thirdbody.trajectory.contacts import FrameContacts
 from thirdbody.trajectory.names import ACCOMMODATION
 
@@ -55,7 +55,8 @@ def accommodation(drag: Array, state: State, contacts: FrameContacts | None = No
     # sums without BLAS, whose bits depend on the number of its threads
     velocity = np.sum(state.bodies.velocity * drag, axis=1)
     top, bottom, rim, ground = (float(np.sum(product)) for product in (p * velocity, q * velocity, p * upper_rim, q * lower_rim))
-    speed = sum(rate_before(axis, state.time) * float(e) for axis, e in zip((schedule.x, schedule.y), drag, strict=False))
+    rates = state.drive[drive.VELOCITY2] if state.sprung else [rate_before(axis, state.time) for axis in (schedule.x, schedule.y)]
+    speed = sum(float(rate) * float(e) for rate, e in zip(rates, drag, strict=False))
     return np.array([speed - top - rim, bottom + ground, rim - ground, top - bottom, 1.0])
 
 

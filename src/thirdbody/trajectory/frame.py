@@ -14,7 +14,7 @@ import numpy as np
 from thirdbody.engine.guards import Ledger, Stored
 from thirdbody.engine.measures import body_amounts, ejected, exits, map_densities
 from thirdbody.engine.state import State, orientations
-from thirdbody.kernels.tables import DEBRIS, body, body_extra, patch, record, run_totals, sphere
+from thirdbody.kernels.tables import DEBRIS, body, body_extra, drive, patch, record, run_totals, sphere
 from thirdbody.laws.contract import Labeller
 from thirdbody.trajectory.accommodation import accommodation, has_accommodation, parts_of
 from thirdbody.trajectory.bed_measures import BedMeasures
@@ -176,7 +176,7 @@ class FrameMaker:
         points, upper = np.array([[0.0, 0.0, 0.0], [l_x, 0.0, 0.0], [l_x, l_y, 0.0], [0.0, l_y, 0.0]]), world.upper
         if upper is not None:
             points = np.concatenate([points, points])
-            points[4:, :2] += np.array(upper.schedule.displacement_at(self.state.time))
+            points[4:, :2] += np.array(self.state.plate_displacement())
             points[4:, 2] = self._gap()
         return {"points": points}
 
@@ -212,13 +212,15 @@ class FrameMaker:
             "time": s.time,
             "distance": s.distance,
             # along the first direction of motion; the plate follows its schedule exactly in every step of both integrators
-            "displacement": np.nan if plate is None else float(np.array(plate.schedule.displacement_at(s.time)) @ self.drag[:2]),
+            "displacement": np.nan if plate is None else float(np.array(s.plate_displacement()) @ self.drag[:2]),
             "gap": self._gap(),
             "upper_force": upper,
             "lower_force": lower,
             "friction_coefficient": friction,
             "loaded": np.count_nonzero(contacts.number(contacts.normal_force != 0.0)),
         }
+        if s.sprung:
+            series["base_displacement"] = float(s.drive[drive.BASE2] @ self.drag[:2])
         if plate is not None:
             series["active"] = contacts.active()
         zone = s.world.zone

@@ -40,8 +40,9 @@ class Name(NamedTuple):
 SERIES = {
     "time": Name("s", "Time since the start."),
     "scene_time": Name("s", "The same at the speed of the scene; only with `solver.inertial_number`."),
-    "distance": Name("m", "Path of the upper plate after settling."),
+    "distance": Name("m", "Path of the upper plate after settling; with `through` that of the base."),
     "displacement": Name("m", "Displacement of the upper plate along its first direction of motion; NaN without motion."),
+    "base_displacement": Name("m", "Displacement of the base, likewise; only with `through`."),
     "gap": Name("m", "Distance between the surfaces of the plates: of the common plate, else the mean over the patches."),
     "upper_force": Name("N", "Force of the debris on this plate (x, y, z), mean over the output interval."),
     "lower_force": Name("N", "The same on the lower plate; with `domain.walls` also on these."),
@@ -52,7 +53,11 @@ SERIES = {
         "-(upper_force . first direction of motion) / |normal force|; on a path that is not straight, work of the motion / "
         "(|normal force| path). NaN without load. With `plates.contact` the force is upper_force + direct_force.",
     ),
-    "drag_work": Name("J", "Work of the plate's sideways motion against the force on it since the start; only with motion."),
+    "drag_work": Name(
+        "J",
+        "Work of the plate's sideways motion against the force on it since the start, with `through` that of the base; only "
+        "with motion.",
+    ),
     "loaded": Name("1", "Number of bodies that carry load."),
     "active": Name("1", "Fraction of bodies that are pressed from above and from below."),
     "direct_force": Name("N", "Force of direct contact on the upper plate, as `upper_force`; only with `plates.contact`."),
@@ -82,10 +87,11 @@ SERIES = {
         "Volume of the bodies over that of the core of the bed, which excludes one largest diameter (at most a quarter of the "
         "gap) at each plate. NaN in layers thinner than 3 d50; beds only.",
     ),
-    "energy_kinetic": Name("J", "Kinetic energy of bodies and free patches."),
+    "energy_kinetic": Name("J", "Kinetic energy of bodies and free patches; with `through` also of the plate, sideways."),
     "energy_elastic_normal": Name("J", "Energy of the normal springs of contacts."),
     "energy_elastic_tangential": Name("J", "Energy of the tangential and rolling springs of contacts."),
     "energy_foundation": Name("J", "Energy of the springs of a foundation; only with one."),
+    "energy_drive_spring": Name("J", "Energy of the springs between base and plate; only with `through`."),
     "energy_direct_elastic": Name("J", "Elastic energy of direct contact; only with `plates.contact`."),
     "energy_direct_friction": Name("J", "Dissipated by friction of direct contact since the start; only with `plates.contact`."),
     "energy_damping": Name("J", "Dissipated by dashpots since the start."),

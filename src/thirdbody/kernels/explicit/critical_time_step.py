@@ -19,16 +19,17 @@ from thirdbody.kernels import plates
 from thirdbody.kernels.arguments import KINDS, LAW
 from thirdbody.kernels.bodies import arm_to_sphere, vector
 from thirdbody.kernels.contact_geometry import overlap_and_normal, square_within_reach
+from thirdbody.kernels.drive import is_sprung
 from thirdbody.kernels.explicit import stiffness_matrix
 from thirdbody.kernels.plates import is_sphere, is_upper, max_stiffness, patch_of_partner
 from thirdbody.kernels.step_tables import contact_stiffness
-from thirdbody.kernels.tables import body, body_extra, patch, sphere, surface_contact
+from thirdbody.kernels.tables import body, body_extra, drive, patch, sphere, surface_contact
 from thirdbody.kernels.tile import TILE, law_input
 from thirdbody.kernels.vectors import box_of
 
 Array = np.ndarray
 
-FIELDS = ("own", "partner", "kind", "edges", "incidence", "body", "S", "B", "E", "orientations", "P", "Q", "D", "pairs")
+FIELDS = ("own", "partner", "kind", "edges", "incidence", "body", "S", "B", "E", "orientations", "P", "Q", "D", "pairs", "spring")
 
 Assembly = namedtuple("Assembly", ("n_plates", *FIELDS))  # type: ignore[misc]
 """Number of candidates with plates, which come first; then bodies, patches and candidates by their names in
@@ -47,7 +48,7 @@ class Tables(NamedTuple):
     minimum: Array  # lower bounds of the steps of each body, by frequency and by both [s]
     patches: Array
     """(patches, 4), zero at first: squared frequency [1/s2], damping rate [1/s], longest step by the frequency alone and by
-    both [s]."""
+    both [s]; where springs drive the plate, a last row for its lateral motion."""
     number: Array  # bodies that may have the shortest step, in order
     bodies: Array  # (bodies, 4): squared frequencies (traces) of translation and of rotation only [1/s2], and the same two steps
     matrices: Array  # scratch: stiffness and damping of a body, and their squares
@@ -104,7 +105,7 @@ def find_contacts(n, first, context, horizon, stiffness, scratch, tables):
                 count = 2.0
             else:
                 radius = plates.effective_radius(k, context)
-                if is_upper(j) and P[patch_of_partner(j), patch.FREE] != 0.0:
+                if is_upper(j) and (P[patch_of_partner(j), patch.FREE] != 0.0 or is_sprung(context)):
                     count, pressed = 2.0, float(patch_of_partner(j))
             inputs[m + law_input.OVERLAP * TILE] = overlap
             inputs[m + law_input.RADIUS * TILE] = radius
@@ -123,8 +124,11 @@ def find_contacts(n, first, context, horizon, stiffness, scratch, tables):
                 r = first + t
                 twice, p = broadcast(stiffnesses[r, contact_stiffness.COUNT]), np.int64(stiffnesses[r, contact_stiffness.PATCH])
                 if p >= 0:
-                    patches[p, 0] += 2.0 * k_n / P[p, patch.MASS]
-                    patches[p, 1] += 2.0 * c_n / P[p, patch.MASS]
+                    patches[p, 0] += 2.0 * k_n / P[p, patch.MASS] * P[p, patch.FREE]
+                    patches[p, 1] += 2.0 * c_n / P[p, patch.MASS] * P[p, patch.FREE]
+                    if is_sprung(context):  # on slopes the normal stiffness is lateral, too
+                        patches[P.shape[0], 0] += 2.0 * max(k_n, k_t) / context.spring[drive.MASS]
+                        patches[P.shape[0], 1] += 2.0 * max(c_n, c_t) / context.spring[drive.MASS]
                 store(stiffnesses, r, np.int64(contact_stiffness.STIFFNESS), twice * set4(k_n - k_t, k_t, k_r, k_w))
                 store(stiffnesses, r, np.int64(contact_stiffness.DAMPING), twice * set4(c_n - c_t, c_t, c_r, c_w))
             first += m
@@ -226,7 +230,10 @@ def shortest_steps(many, context, time, near, tables):
         patches[plate, 0] += 2.0 * P[p, patch.SPRING] / P[plate, patch.MASS] * P[plate, patch.FREE]
     if P[plate, patch.DIRECT_PREFACTOR] != 0.0:
         patches[plate, 0] += max_stiffness(P, plate, time) / P[plate, patch.MASS]
-    for p in range(plate + 1):
+    if is_sprung(context):
+        Y = context.spring
+        patches[plate + 1, 0] += max(Y[drive.STIFFNESS], Y[drive.STIFFNESS + 1]) / Y[drive.MASS]
+    for p in range(patches.shape[0]):
         patches[p, 2], patches[p, 3] = stable_step(patches[p, 0], 0.0), stable_step(patches[p, 0], patches[p, 1])
     number[0], bodies[0, 0], bodies[0, 1], bodies[0, 2], bodies[0, 3] = 0, 0.0, 0.0, np.inf, np.inf
     m, by_frequency, by_both = np.int64(0), np.inf, np.inf

@@ -15,6 +15,7 @@ from thirdbody.jit.threads import DISMISSED, DONE, close_pass, count_up, load_wo
 from thirdbody.kernels.arguments import EARLY, LATE, OBSERVATION, RUN_GROUPS, Step, context_of
 from thirdbody.kernels.bodies import BODIES, STEPS, largest_displacement, weight_of
 from thirdbody.kernels.contact_zone import book_zone, has_zone, load_of, locate
+from thirdbody.kernels.drive import begin_step, end_step, is_sprung
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.explicit.passes import closing_kick
 from thirdbody.kernels.plates import book_direct_contact, direct_force
@@ -150,12 +151,14 @@ def update_ledger(context, step):
         else:  # a plate of prescribed height, or none
             powers = -force_of_debris(context.sums[2 * g : 2 * g + 2]) * P[0, patch.VELOCITY], 0.0
         book_step(ledgers[g], g, g + 1, powers, context, step)
-    plate = P.shape[0] - 1
+    plate, before = P.shape[0] - 1, A[run_totals.DIRECT_WORK]
     whole = ledgers[0] if ledgers.shape[0] > 0 else A
     if P[plate, patch.DIRECT_PREFACTOR] != 0.0:
         book_direct_contact(whole, (direct_force(P, plate), P[plate, patch.DIRECT_FRICTION]), step, 0.5)
     if has_zone(context):
         book_zones(whole, context, step)
+    if is_sprung(context):
+        end_step(context, A[run_totals.DIRECT_WORK] - before, step)
     pass_time(A, step.dt, step.v_x, step.v_y)
     steps, weights = np.int64(A[run_totals.STEPS]) % STEPS, 0.0
     for k in range(steps):
@@ -306,6 +309,8 @@ def advance(budget, until, distance, dt, threads, packed):
         if last and context.R.shape[0] < context.own.shape[0]:
             code = Stop.RECORD
             break
+        if is_sprung(context):
+            v_x, v_y = begin_step(context, v_x, v_y, dt)
         sampled = context.labels != 0 and (np.int64(A[run_totals.STEPS]) + 1) % context.stride == 0
         turn = dt * weight_of(np.int64(A[run_totals.STEPS]))
         step = Step(np.int64(n + 1), sampled or last or n == budget - 1, A[run_totals.TIME] + dt, dt, v_x, v_y, pending, turn)

@@ -1,4 +1,5 @@
-"""Bodies under one common plate: they share its height and therefore its time step.
+"""Bodies under one common plate: they share its height and therefore its time step. So do bodies with patches of their own that
+share the lateral motion of a plate which springs drive (`engine.spring_drive`): their patches are solved with them.
 
 The system matrix is an arrow matrix: one block per island, and one row and column for the plate. `solve_at` solves islands for a
 given rise of the plate, with the derivative of their force on the plate at their equilibrium: the Schur complement of the arrow
@@ -13,16 +14,18 @@ from thirdbody.jit.arguments import PACKED
 from thirdbody.jit.options import BARE, NO_COUNTS, OPTIONS, entry
 from thirdbody.kernels.arguments import Motion
 from thirdbody.kernels.contact_geometry import gradient_force
+from thirdbody.kernels.contact_zone import has_zone
+from thirdbody.kernels.drive import is_sprung
 from thirdbody.kernels.implicit import control, workspace
 from thirdbody.kernels.implicit.accept_step import reject_step
 from thirdbody.kernels.implicit.contact import contact_force
-from thirdbody.kernels.implicit.driver import accept_island, assess_island
+from thirdbody.kernels.implicit.driver import accept_island, assess_island, begin_steps, predict_load
 from thirdbody.kernels.implicit.jacobian import assemble, factorise_jacobian, solve_correction
 from thirdbody.kernels.implicit.newton import NewtonOutcome, evaluate, solve_island
 from thirdbody.kernels.implicit.residual import measure_arm, save_start
 from thirdbody.kernels.implicit.workspace import FREEDOMS, STAGE, body_at, call_part, space_at
 from thirdbody.kernels.plates import book_direct_contact, direct_force, is_rough, is_upper
-from thirdbody.kernels.step_tables import body_solution, step_memory, step_start
+from thirdbody.kernels.step_tables import body_solution, step_memory, step_settings, step_start
 from thirdbody.kernels.tables import patch
 from thirdbody.kernels.tile import TILE, law_output
 
@@ -43,6 +46,29 @@ def plate_reaction(context, b, m, space):
             if is_rough(context):
                 push -= gradient_force(k, space.outputs[law_output.STORED_NORMAL * TILE + q], context)[2]
     return push
+
+
+@njit(**BARE)
+def lateral_reaction(context, m, space):
+    """Return the force of a body on the plate along x and y [N]."""
+    x, y = 0.0, 0.0
+    for q in range(m):
+        k = space.slots[q]
+        if is_upper(context.partner[k]):
+            force = contact_force(q, space)
+            x, y = x - force[0], y - force[1]
+            if is_rough(context):
+                force = gradient_force(k, space.outputs[law_output.STORED_NORMAL * TILE + q], context)
+                x, y = x - force[0], y - force[1]
+    return x, y
+
+
+@njit(**BARE)
+def place_patch(context, b, motion, space):
+    """Place the patch where another velocity of the plate leads."""
+    p, P = context.patch[b], context.P
+    P[p, patch.DISPLACEMENT] = space.start[step_start.PATCH_DISPLACEMENT] + motion.dt * motion.v_x
+    P[p, patch.DISPLACEMENT + 1] = space.start[step_start.PATCH_DISPLACEMENT + 1] + motion.dt * motion.v_y
 
 
 @njit(**BARE)
@@ -93,8 +119,9 @@ def spring_of(a, context, island):
 @entry(types.void(_I, _I, _B, _D, workspace.MOTION, PACKED, PACKED, PACKED), nogil=True, **OPTIONS, **NO_COUNTS)
 def solve_at(first, last, first_iteration, displacement, motion, packed, tables, packed_scratch):
     """Solve the step of the islands `order[first:last]` for a given rise of the plate [m], into `solutions`; unless it begins in
-    the `first_iteration`, from the `ends` of the previous call."""
+    the `first_iteration`, from the `ends` of the previous call. Without a common plate patches rise as their loads let them."""
     context, islands, scratch = workspace.unpack(packed, tables, packed_scratch)
+    common, sprung = context.settings[step_settings.COMMON] != 0.0, is_sprung(context)
     for p in range(first, last):
         island = workspace.island_at(islands.order[p], islands)
         for a in range(island.n):
@@ -102,13 +129,22 @@ def solve_at(first, last, first_iteration, displacement, motion, packed, tables,
             if first_iteration:
                 measure_arm(context, b, space)
                 save_start(a, context, island, scratch)
-                control.begin_step(context, b, displacement, motion, space)
+                if common:
+                    control.begin_step(context, b, displacement, motion, space)
             else:
                 load_body(context, b, space)
+                if sprung:
+                    place_patch(context, b, motion, space)
+                    if has_zone(context):
+                        predict_load(b, motion, context, space)
+            if not common:
+                continue
             if spring_of(a, context, island) == 0.0:
                 space.y[6] = displacement
             space.start[step_start.PLATE_HEIGHT] = context.P[context.P.shape[0] - 1, patch.HEIGHT] + displacement
             space.start[step_start.PLATE_DISPLACEMENT] = displacement
+        if first_iteration and not common:
+            begin_steps(motion, context, island, scratch)
         if first_iteration and island.n_pairs > 0:
             call_part(context.pairs_part, STAGE.START, 0, 0, motion, context, island, scratch)
         outcome, m, iterations = solve_island(motion, context, island, scratch)
@@ -130,7 +166,10 @@ def solve_at(first, last, first_iteration, displacement, motion, packed, tables,
             if outcome == NewtonOutcome.SOLVED:
                 solution[body_solution.ERROR], solution[body_solution.ROTATION] = error, rotation
                 solution[body_solution.PUSH] = plate_reaction(context, b, scratch.counts[a], space)
-        if outcome == NewtonOutcome.SOLVED:
+                if sprung:
+                    x, y = lateral_reaction(context, scratch.counts[a], space)
+                    solution[body_solution.PULL], solution[body_solution.PULL + 1] = x, y
+        if outcome == NewtonOutcome.SOLVED and common:
             write_stiffness(m, motion, context, island, scratch)
 
 
@@ -146,7 +185,7 @@ def accept_at(first, last, ended, motion, packed, tables, packed_scratch):
             for k in range(FREEDOMS):
                 space.correction[k] = 0.0
         m = evaluate(0.0, motion, context, island, scratch)  # again: cheaper than storing the tiles of all bodies
-        accept_island(m, motion, True, ended, context, island, scratch)
+        accept_island(m, motion, context.settings[step_settings.COMMON] != 0.0, ended, context, island, scratch)
 
 
 @entry(types.void(_I, _I, PACKED, PACKED, PACKED), **OPTIONS, **NO_COUNTS)

@@ -40,8 +40,8 @@ def packed(name: str, kinds: Kinds) -> tuple[Any, Unpacked, Any]:
 
 SHARED = (
     "kind", "body", "start", "patch", "offsets", "S", "P", "Q", "pairs", "interaction", "effect_parameters", "D", "schedule",
-    "first", "lower", "upper", "zone", "field_begin", "field_size", "rolling", "force", "moment", "twist", "stored", "dashpots",
-    "loss_column", "has_effects", "labels", "law", "effects", "observe", "measured", "measure",
+    "first", "lower", "upper", "zone", "spring", "field_begin", "field_size", "rolling", "force", "moment", "twist", "stored",
+    "dashpots", "loss_column", "has_effects", "labels", "law", "effects", "observe", "measured", "measure",
     "measure_parameters", "observe_bodies",
 )  # fmt: skip
 """Fields that the explicit integrator has, too, beside those of `arguments.Observed`."""
