@@ -154,6 +154,7 @@ class State:
     W: Array = field(default_factory=lambda: np.zeros((0, 0)))  # like `maps` what measures have collected
     maps: Array = field(default_factory=lambda: np.zeros((0, 2, 1, 1)))
     radii: Array = field(default_factory=lambda: np.zeros(0))  # of spheres that are not kept
+    wear: Any = None  # `engine.wear.Wear`, where wear changes the plates
     dt: float = 0.0
     searches: int = 0
     summed: bool = False  # whether the integrator sums the elastic energies; otherwise they come from the records

@@ -14,7 +14,7 @@ from thirdbody.runner.checkpoint import FILE as CHECKPOINT
 from thirdbody.runner.checkpoint import THE_INTEGRATOR, THE_VERSION, Checkpoint, prints_of, read_checkpoint
 from thirdbody.runner.run_folder import SCENE_FILE, refuse_links
 from thirdbody.runner.simulate import prepare
-from thirdbody.runner.stops import targets
+from thirdbody.runner.stops import EVEN, targets
 from thirdbody.scene.model import Scene
 from thirdbody.schema.parts import differences
 from thirdbody.schema.read import read_text

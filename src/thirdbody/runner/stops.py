@@ -27,6 +27,8 @@ LONGEST, PERIODS = 3.0, 20.0
 """Latest end of settling, in expected times, or so many periods of the plate on its bed after the expected one if that is later:
 a plate with critical dashpots on springs of which one in 200 carries load needs as many."""
 
+EVEN = 1.0 + 1e-9  # places up to this factor apart are one
+
 LEAD, TINY = 0.25, 1e-300
 """Time before the end of settling at which an explicit run is looked at, in parts of the expected time (`EXTENSIONS`); guard of
 divisions."""
@@ -48,7 +50,7 @@ def targets(simulation: Simulation) -> Iterator[tuple[float, float, bool]]:
             yield end, infinite, False
             whole = last
         last = max(whole + 1, _number_of_outputs(simulation.planned_time, output.every))
-        for x, write in _output_times(whole, last, 1, output.every, simulation.planned_time):
+        for x, write in with_wear(simulation, _output_times(whole, last, 1, output.every, simulation.planned_time)):
             yield x, simulation.end_distance, write
         return
     if settle > 0.0:
@@ -58,7 +60,7 @@ def targets(simulation: Simulation) -> Iterator[tuple[float, float, bool]]:
             yield end, infinite, False
         yield simulation.settle, infinite, True
     by_time, last = math.isfinite(simulation.end_time), _number_of_outputs(simulation.planned_distance, output.every)
-    for x, write in _output_times(0, last, 1, output.every, simulation.planned_distance):
+    for x, write in with_wear(simulation, _output_times(0, last, 1, output.every, simulation.planned_distance)):
         # a run by duration may end at rest: its last stop is its end time
         yield simulation.end_time, infinite if by_time and x >= simulation.planned_distance else x, write
 
@@ -97,6 +99,33 @@ def _output_times(first: int, last: int, spacing: int, every: float, end: float)
             yield low + (high - low) * part / SUBTICKS, False
         yield high, True
         first = after
+
+
+def wear_place(simulation: Simulation, number: int) -> float:
+    """Return where wear is taken from the plates for the so-manieth time: time [s], or sliding distance [m] of a run by distance;
+    infinite without such wear, and beyond the cycles that it counts."""
+    given, schedule, settle = simulation.scene.plates.wear, simulation.schedule, simulation.settle
+    by_time = simulation.scene.output.every_kind == "time"
+    if given is None:
+        return math.inf
+    if given.distance is not None:
+        return schedule.time_of(number * given.distance, settle) if by_time else number * given.distance
+    begin, until, period = schedule.closed_paths(settle)[0]
+    time = begin + number * (given.cycles or 1) * period
+    if time > until * EVEN:
+        return math.inf
+    return settle + time if by_time else schedule.path(settle, settle + time)
+
+
+def with_wear(simulation: Simulation, stops: Iterator[tuple[float, bool]]) -> Iterator[tuple[float, bool]]:
+    """Yield stops, and between them those at which wear is taken from the plates."""
+    number = 1
+    for x, write in stops:
+        while (place := wear_place(simulation, number)) <= x * EVEN:
+            if place * EVEN < x:
+                yield place, False
+            number += 1
+        yield x, write
 
 
 def _number_of_outputs(end: float, every: float) -> int:

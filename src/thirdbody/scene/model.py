@@ -221,7 +221,7 @@ class Scene(Part):
         for k, name in enumerate(names):
             if name and name in names[:k]:  # no table could distinguish them
                 faults.append((("debris", k, "name"), f"'{name}' is the name of debris[{names.index(name)}] too"))
-        return faults + faults_between(self.plates, self.domain, self.solver, self.output)
+        return faults + faults_between(self.plates, self.domain, self.solver, self.output, self.measures)
 
     @property
     def population_names(self) -> list[str]:
