@@ -24,9 +24,6 @@ from thirdbody.trajectory.run_file import RunFile
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
 
-EVEN = 1.0 + 1e-9
-"""Factor for rounding in the test whether the clock has reached a stop."""
-
 LONGER = ("solver.distance", "solver.duration")
 """Keys that may differ from the first part of the run: its length."""
 

@@ -21,7 +21,7 @@ from thirdbody.runner.checkpoint import THE_VERSION, Checkpoint, prints_of, writ
 from thirdbody.runner.measurements import PeakPressure, frame_maker
 from thirdbody.runner.progress import Progress, Reporter
 from thirdbody.runner.run_folder import RunFolder
-from thirdbody.runner.stops import EVEN, Settling, targets, wear_place
+from thirdbody.runner.stops import Settling, targets
 from thirdbody.system.processes import keep_freed_memory
 from thirdbody.trajectory.frame import impulses_of
 from thirdbody.trajectory.writer import TrajectoryWriter
@@ -106,7 +106,8 @@ class RunLoop:
             self._write()
         for target in islice(targets(simulation), self.reached, None):
             self.settling.advance(target, lambda time, path: integrator.advance_to(time, path, self._watch, self._stop_or_save))
-            self._wear(target)
+            if self.settling.wears(target):  # before its frame, which shows the plates as they are then
+                simulation.state.wear.take(integrator)
             self.reached += 1
             # one explicit step may pass several outputs
             if target[2] and simulation.state.time > self.series["time"]:
@@ -115,14 +116,6 @@ class RunLoop:
                 self._report_progress({})
             self._stop_or_save()
         self.export_state()
-
-    def _wear(self, target: tuple[float, float, bool]) -> None:
-        """Take wear from the plates where it is due at a stop; before its frame, which shows the plates as they are then."""
-        simulation, wear = self.simulation, self.simulation.state.wear
-        by_time = simulation.scene.output.every_kind == "time"
-        place = target[0] if by_time else min(target[1], simulation.planned_distance)
-        if wear and self.settling.dragged and place * EVEN >= wear_place(simulation, int(wear.totals[0]) + 1):
-            wear.take(simulation.integrator)
 
     def _begin_drag(self) -> None:
         """Have means over time, and over the output interval, begin with the drag, and wear that changes the plates."""

@@ -27,11 +27,12 @@ LONGEST, PERIODS = 3.0, 20.0
 """Latest end of settling, in expected times, or so many periods of the plate on its bed after the expected one if that is later:
 a plate with critical dashpots on springs of which one in 200 carries load needs as many."""
 
-EVEN = 1.0 + 1e-9  # places up to this factor apart are one
-
 LEAD, TINY = 0.25, 1e-300
 """Time before the end of settling at which an explicit run is looked at, in parts of the expected time (`EXTENSIONS`); guard of
 divisions."""
+
+EVEN = 1.0 + 1e-9
+"""Factor for rounding: places this near to each other are one; and in the test whether the clock has reached a stop."""
 
 
 def targets(simulation: Simulation) -> Iterator[tuple[float, float, bool]]:
@@ -217,8 +218,17 @@ class Settling:
         (time, distance, is_output), integrator = target, self.simulation.integrator
         for instant in self._instants(time):
             advance_to(instant, math.inf)
-        if is_output or integrator.divisible or time == self.simulation.settle:
+        if is_output or integrator.divisible or time == self.simulation.settle or self.wears(target):
             advance_to(time, distance)
+
+    def wears(self, target: tuple[float, float, bool]) -> bool:
+        """Return whether wear is due to be taken from the plates at a stop."""
+        simulation, wear = self.simulation, self.simulation.state.wear
+        if wear is None or not self.dragged:
+            return False
+        by_time = simulation.scene.output.every_kind == "time"
+        place = target[0] if by_time else min(target[1], simulation.planned_distance)
+        return place * EVEN >= wear_place(simulation, int(wear.totals[0]) + 1)
 
     def _instants(self, until: float) -> Iterator[float]:
         """Yield the instants up to `until` [s] at which the scene is judged."""
