@@ -94,10 +94,11 @@ def refuse_curvature(scene: Scene, surfaces: Mapping[str, Surface], laws: Iterab
 
 
 def with_surfaces(world: World, surfaces: Mapping[str, Surface]) -> World:
-    """Return the world with these surfaces of its plates."""
+    """Return the world with these surfaces of its plates, copies that wear may change."""
     lower, upper = (surfaces.get(side) for side in SIDES)
     return replace(
-        world, lower_surface=None if lower is None else lower.packed, upper_surface=None if upper is None else upper.packed,
+        world, lower_surface=None if lower is None else lower.packed.copy(),
+        upper_surface=None if upper is None else upper.packed.copy(),
         curved=(lower is None or lower.curvature, upper is None or upper.curvature),
     )  # fmt: skip
 
