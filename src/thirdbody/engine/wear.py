@@ -14,13 +14,15 @@ import numpy as np
 from thirdbody.engine.guards import set_guards, stored_energies
 from thirdbody.engine.measures import update_measures
 from thirdbody.errors import GuardStop
-from thirdbody.kernels.tables import LOWER, UPPER, record, run_totals
+from thirdbody.kernels import contact_zone as kernel
+from thirdbody.kernels.tables import LOWER, UPPER, patch, record, run_totals, zone
 from thirdbody.surfaces.statistics import surface_statistics
 from thirdbody.surfaces.surface import Surface
 from thirdbody.surfaces.wear import worn_surfaces
 
 if TYPE_CHECKING:
     from thirdbody.engine.state import Array, State
+    from thirdbody.engine.upper_plate import Zone
 
 SHARE = 0.1
 """Largest depth that is taken at once, over the overlap of the contacts: N, as d^(3/2), and its effect on friction then change by
@@ -71,13 +73,16 @@ class Wear:
         before = self._contents()
         self.volume[0], self.volume[1] = state.maps[self.map], self.volume[1] + worn
         self._shape(after)
+        self._widen_contact()
         integrator.evaluate()
         update_measures(state)
         self.totals += 1.0, before - self._contents()
 
     def restore(self) -> None:
-        """Let the height fields be those that follow from `volume`."""
+        """Let the height fields, and the contact of a worn ball, be those that follow from `volume`."""
         self._shape(worn_surfaces(self.surfaces, self.depth) if self.volume[1].any() else self.surfaces)
+        if self.state.world.zone is not None:
+            self.state.world.zone.row[:] = self._worn_zone(self.state.world.zone)
 
     def _shape(self, surfaces: dict[str, Surface]) -> None:
         state, self.now = self.state, surfaces
@@ -90,9 +95,36 @@ class Wear:
         result, taken = {}, self.volume[1].sum(axis=(1, 2))
         for side, surface in self.now.items():
             statistics = surface.statistics
-            result[f"worn_volume_{side}"] = float(taken[0 if side == "lower" else 1])
+            result[f"worn_volume_{side}"] = float(taken[PLATES[side]])
             result |= {f"rms_height_{side}": statistics.rms_height, f"rms_slope_{side}": statistics.rms_slope}
+        if self.state.world.zone is not None:
+            result["contact_half_width"] = float(self.state.world.zone.row[zone.HALF_WIDTH])
         return result
+
+    def _worn_zone(self, contact: Zone) -> Array:
+        """Return the row of the contact of the first bodies. A ball that lost the volume V has a scar of the radius a_w, with V =
+        pi a_w^4/(4 R) (Archard, a flat counter body); once that exceeds Hertz' radius the pressure is uniform in the scar."""
+        row, volume = contact.row.copy(), float(self.volume[1, PLATES["upper"]].sum())
+        scar = (4.0 * row[zone.RADIUS] * volume / math.pi) ** 0.25
+        if row[zone.KIND] in (kernel.BALL, kernel.WORN_BALL) and scar > contact.half_width:
+            row[zone.KIND], row[zone.HALF_WIDTH] = kernel.WORN_BALL, scar
+            row[zone.SCAR_PRESSURE] = 2.0 / 3.0 * (contact.half_width / scar) ** 2  # mean over largest pressure of Hertz: 2/3
+        return row
+
+    def _widen_contact(self) -> None:
+        """Let loads follow a worn ball: those of bodies inside, scaled down where they would carry more than the whole load; patches
+        outside keep to the gap."""
+        contact, P, size = self.state.world.zone, self.state.P, np.array(self.state.world.size)
+        if contact is None or (row := self._worn_zone(contact))[zone.KIND] != kernel.WORN_BALL:
+            return
+        at = self.state.bodies.position[:, :2] - P[self.state.patch][:, patch.DISPLACEMENT2] - row[zone.CENTRE2]
+        at -= size * np.rint(at / size)
+        before, after = (np.array([kernel.gap.py_func(x, y, Z) for x, y in at]) for Z in (contact.row, row))
+        parts = np.array([kernel.pressure.py_func(x, y, row) for x, y in at])
+        P[self.state.patch, patch.HEIGHT] += np.where(parts > 0.0, 0.0, after - before)
+        nominal = contact.nominal * min(1.0, contact.load / max(contact.nominal * parts.sum(), 1e-300))
+        P[:, patch.NOMINAL_LOAD], P[self.state.patch, patch.LOAD] = nominal, nominal * parts
+        contact.row[:] = row
 
     def _contents(self) -> float:
         """Return elastic energy of contacts, and what they have dissipated [J]."""

@@ -105,6 +105,7 @@ zone = Table(
     edge=number("m", "length over which the pressure of a punch falls to zero"),
     radius=number("m", "radius of the upper body"),
     centre=vector(2, "m", "its middle at the start"),
+    scar_pressure=number("", "of a worn ball: its uniform pressure over the reference pressure"),
 )
 
 domain = Table(

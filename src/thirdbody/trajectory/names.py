@@ -66,6 +66,7 @@ SERIES = {
     "rms_height_upper": Name("m", "The same of the upper plate."),
     "rms_slope_lower": Name("1", "Root mean square of its slope as it is now; only with `plates.wear`."),
     "rms_slope_upper": Name("1", "The same of the upper plate."),
+    "contact_half_width": Name("m", "Half width of the contact with an edge; only with it and `plates.wear`, where a ball wears."),
     "accommodation_upper_slip": Name("m/s", "Part of the upper plate's speed taken up by slip at its contacts."),
     "accommodation_lower_slip": Name("m/s", "Part taken up by slip at the lower plate."),
     "accommodation_rolling": Name("m/s", "Part taken up by rotation of the bodies at the plates."),
