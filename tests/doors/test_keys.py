@@ -26,11 +26,12 @@ TABLES = {
 """Keys that hold nothing but tables, whose own keys are listed."""
 OF_EFFECTS = {
     "series": {"energy_plastic", "energy_adhesion", "energy_body_effects", "scene_time", "inside", "ejected"}
-    | {f"count_{reason}" for reason in REASONS},
+    | {f"count_{reason}" for reason in REASONS} | {"energy_wear", "contact_half_width"}
+    | {f"{name}_{plate}" for name in ("worn_volume", "rms_height", "rms_slope") for plate in ("lower", "upper")},
     "bodies": {"plastic_work", "adhesion_work", "agglomerate", "scene_id"},
     "contacts": {"twist_moment", "twist_utilisation", "moment", "rolling_utilisation"},
 }  # fmt: skip
-"""Names that ask for effects, for a sample of the bodies, for a scaled speed, or for a contact with an edge."""
+"""Names that ask for effects, for a sample of the bodies, a scaled speed, a contact with an edge, or wear that changes plates."""
 
 
 @pytest.fixture(scope="module")

@@ -250,8 +250,10 @@ def test_a_worn_ball_presses_on_its_scar(make, integrator, wide):
     upper = {"material": "ball", "support": "load_per_particle", "pressure": profile, "motion": {"x": {"velocity": 1e-3}}}
     tables = {
         "plates": {"lower": {"material": "ball"}, "upper": upper, "contact": {"friction": 0.1}, "wear": {"distance": 1.0}},
-        "measures": {"cell": 1e-5, "wear": {"plates": "1e-30 m3/J"}}, "contact": {"level": "mindlin", "debris_contact": "none"},
-        "solver": {"duration": 1.0, "integrator": integrator, "settle": 2e-6}, "domain": {"size": (SIZE, SIZE)},
+        "measures": {"cell": 1e-5, "wear": {"plates": "1e-30 m3/J"}},
+        "contact": {"level": "mindlin", "debris_contact": "none"},
+        "solver": {"duration": 1.0, "integrator": integrator, "settle": 2e-6},
+        "domain": {"size": (SIZE, SIZE)},
     }
     debris = [make.ball(MICRO, (0.5 * SIZE + x, 0.5 * SIZE + y, MICRO)) for x, y in places]
     simulation = make.build(make.scene(debris, {"ball": make.STEEL}, friction=0.3, restitution=0.5, **tables))

@@ -1,4 +1,4 @@
-"""Wear that acts back on the plates: volume, grooves by Archard's law, the energy that goes with the worn depth, and what follows.
+"""Wear that acts back on the plates: volume, grooves by Archard's law, energy that goes with the worn depth, and what follows.
 
 Flakes of three spheres in a row along x, side by side, stick to the upper plate by its larger friction and grind the lower one.
 Their tracks lie nearer to each other than what the worn depth resolves, so that they make one groove.
@@ -17,7 +17,7 @@ from thirdbody.errors import GuardStop, Interrupted
 from thirdbody.runner.run_loop import WallTimes
 from thirdbody.runner.simulate import execute, prepare
 from thirdbody.surfaces.surface import Surface
-from thirdbody.surfaces.wear import flat_surface, worn_surface
+from thirdbody.surfaces.wear import worn_surface
 
 MICRO = 1e-6
 LENGTH, APART, LOAD, K = 40.0, 1.0, 1e-4, 1e-15  # of the domain [um], of tracks [um], load of a flake [N], wear [m3/J]
@@ -26,7 +26,9 @@ LESS = STEEL.replace("friction = 0.30", "friction = 0.20")
 
 
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize(("cells", "points"), [((40, 30), (64, 48)), ((64, 48), (40, 30)), ((33, 17), (80, 50)), ((50, 50), (50, 50))])
+@pytest.mark.parametrize(
+    ("cells", "points"), [((40, 30), (64, 48)), ((64, 48), (40, 30)), ((33, 17), (80, 50)), ((50, 50), (50, 50))]
+)
 def test_the_volume_taken_is_that_of_the_map(cells, points, seed):
     """The mean of a spline through periodic heights is theirs, so both volumes are sums; they agree but for rounding."""
     rng, size = np.random.default_rng(seed), (50e-6, 30e-6)
@@ -99,11 +101,11 @@ every = "{every}"
 
 
 ONE_PASS = {"solver.distance": "160 um", "output.every": "40 um", "solver.largest_step": "0.1 um"}
-"""Four passes of the row over the whole length of the domain, with depth taken after each. Steps of a tenth of a cell: what a step
-wears lies in one cell."""
+"""Four passes of the row over the whole length of the domain, with depth taken after each. What a step wears lies in the cell in
+which it ends, so steps are a tenth of a cell."""
 FAST = {
-    "solver.integrator": "explicit", "plates.upper.motion.x.velocity": "1 m/s", "solver.distance": "2 um", "output.every": "0.5 um",
-    "plates.wear.distance": "0.5 um", "plates.wear.times": 10000,
+    "solver.integrator": "explicit", "plates.upper.motion.x.velocity": "1 m/s", "solver.distance": "2 um",
+    "output.every": "0.5 um", "plates.wear.distance": "0.5 um", "plates.wear.times": 10000,
 }  # fmt: skip
 
 
@@ -130,10 +132,12 @@ def test_what_is_taken_is_what_was_worn(runs, integrator):
     times, area = float(run.scene.plates.wear.times), (LENGTH * MICRO) * 40e-6
     for side in ("lower", "upper"):
         maps, surface = run.maps(side), run.surface(side)
-        taken, worn = (maps[name].mean() * area for name in ("taken_depth", "wear_depth"))
+        taken, worn = (maps[name].mean() * area for name in ("surface_wear", "wear_depth"))
         assert run.series[f"worn_volume_{side}"][-1] == pytest.approx(taken, rel=1e-12, abs=1e-40)
         assert taken == pytest.approx(times * (worn - run.maps(side, 1)["wear_depth"].mean() * area), rel=1e-5, abs=1e-30)
-        assert (run.surface(side, 0).coefficients - surface.coefficients).mean() * area == pytest.approx(taken, rel=1e-6, abs=1e-30)
+        assert (run.surface(side, 0).coefficients - surface.coefficients).mean() * area == pytest.approx(
+            taken, rel=1e-6, abs=1e-30
+        )
         assert run.series[f"rms_height_{side}"][-1] == pytest.approx(surface.heights.std(), rel=1e-9)
 
 
@@ -155,9 +159,9 @@ def test_a_groove_is_as_deep_as_archard_says(runs):
 
 @integrators
 def test_the_energy_of_the_worn_depth(runs, integrator):
-    """Where an overlap shrinks from d + c to d, Hertz' contacts lose 2/5 N d ((1 + c/d)^(5/2) - 1): by the contacts of the frames,
-    after which nothing moved yet, and by the surfaces. Left out is that the effective radius changes too: 0.4 % of that at the
-    ends of short tracks, where the surface bends most."""
+    """Where an overlap shrinks from d + c to d, Hertz' contacts lose 2/5 N d ((1 + c/d)^(5/2) - 1): by the contacts of frames in
+    which nothing has moved yet, and by the surfaces. Left out is that the effective radius changes too: 0.4 % of that at the ends
+    of short tracks, where the surface bends most."""
     run, lost = runs(integrator), 0.0
     line = run.series["energy_wear"]
     for frame in range(2, run.frames):
@@ -183,7 +187,7 @@ def test_too_much_at_once_stops_the_run_and_names_what_would_do(tmp_path):
         thirdbody.run(chosen.with_settings({"plates.wear.times": 1e7}), out=tmp_path / "run", progress=False)
     fitting = float(re.search(r"times = (\S+) would do", str(stop.value))[1])
     with thirdbody.open(tmp_path / "run") as run:
-        assert run.frames == 2 and not run.summary()["finished"] and not run.maps("lower")["taken_depth"].any()
+        assert run.frames == 2 and not run.summary()["finished"] and not run.maps("lower")["surface_wear"].any()
     once = chosen.with_settings({"solver.distance": "0.5 um", "plates.wear.times": fitting})
     run = thirdbody.run(once, out=tmp_path / "run", overwrite=True, progress=False)
     contacts = run.contacts(-1)
@@ -198,8 +202,8 @@ DRIVERS = {
     "explicit": FAST | {"solver.distance": "1 um", "plates.wear.distance": "0.2 um"},
     "implicit": {"solver.distance": "4 um", "output.every": "1 um", "plates.wear.distance": "0.7 um"},
     "by time": {
-        "solver.distance": None, "solver.duration": "4 ms", "output.every": "1.5 ms", "plates.wear.distance": None, "plates.wear.cycles": 2,
-        "plates.upper.motion.x": {"stroke": "0.2 um", "frequency": "1 kHz"}, "plates.wear.times": 100,
+        "solver.distance": None, "solver.duration": "4 ms", "output.every": "1.5 ms", "plates.wear.distance": None,
+        "plates.wear.cycles": 2, "plates.upper.motion.x": {"stroke": "0.2 um", "frequency": "1 kHz"}, "plates.wear.times": 100,
     },
     "together": {
         "solver.distance": "2 um", "output.every": "1 um", "plates.wear.distance": "0.7 um", "plates.upper.support": "rigid",

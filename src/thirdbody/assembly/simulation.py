@@ -18,7 +18,7 @@ from thirdbody.assembly.integrator import Plan, examine_inertia, implicit, plan,
 from thirdbody.assembly.physics import CompiledPhysics, compile_physics
 from thirdbody.assembly.populate import populate
 from thirdbody.assembly.schedule import schedule
-from thirdbody.assembly.surfaces import SurfaceScales, plate_surfaces, refuse_curvature, surface_scales, with_flat_surfaces, with_surfaces
+from thirdbody.assembly.surfaces import SurfaceScales, plate_surfaces, surface_scales, with_flat_surfaces, with_surfaces
 from thirdbody.assembly.upper_plate import Upper, upper_plate
 from thirdbody.engine.placed import in_columns
 from thirdbody.engine.state import State, World, assemble
@@ -173,7 +173,6 @@ def build(
     rough = plate_surfaces(scene)
     choice = compile_physics(scene, registry)
     rough = with_flat_surfaces(scene, rough, choice)
-    refuse_curvature(scene, rough, choice.chain.laws)
     notes = (f"{side} plate: {note}" for side, surface in rough.items() for note in surface.notes)
     warnings = [*unusual_values(scene.materials, scene.pairs), *notes, *similarity_warnings(choice)]
     if choice.physics.stiffness is None:
@@ -199,8 +198,7 @@ def build(
     world = World(scene.domain.size, scene.domain.periodic, bounded, lower, upper.plate, debris_contact)
     world, radii = with_surfaces(world, rough), np.concatenate([clump.radii for clump in placed.clumps])
     state = assemble(placed, world, choice.physics, SKIN * float(radii.mean()), order, choice.reach(float(radii.max())))
-    if scene.plates.wear is not None:
-        state.wear = Wear(state, rough, scene.plates.wear.times)
+    state.wear = Wear(state, rough, scene.plates.wear.times) if scene.plates.wear else None
     _refuse_narrow_domain(scene, state)
     chosen = plan(scene, choice, state, upper, before)
     ready(units_of(chosen, state))
@@ -217,11 +215,7 @@ def build(
         scene, requested, choice, choice.labeller, state, integrator, chosen, upper, warnings, force, relaxed, bed, scale, rough
     )  # fmt: skip
     _examine_length(simulation)
-    if scene.plates.wear is not None and scene.plates.wear.cycles is not None and not simulation.schedule.closed_paths():
-        fault = scene.fault(("plates", "wear", "cycles"), "the motion of the upper plate does not come back: give distance instead")
-        raise InputError(fault)
-    for side, scales in simulation.surface_scales.items():
-        warnings += scales.warnings(side)
+    warnings += [text for side, scales in simulation.surface_scales.items() for text in scales.warnings(side)]
     if chosen.kind == "explicit":
         _refuse_endless(simulation, force)
     return simulation

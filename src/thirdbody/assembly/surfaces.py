@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from thirdbody.assembly.physics import CompiledPhysics
+from thirdbody.assembly.schedule import schedule
 from thirdbody.engine.state import World
 from thirdbody.errors import Fault, InputError
 from thirdbody.laws.contract import Law
@@ -67,11 +68,16 @@ def plate_surfaces(scene: Scene) -> dict[str, Surface]:
 
 
 def with_flat_surfaces(scene: Scene, surfaces: Mapping[str, Surface], choice: CompiledPhysics) -> dict[str, Surface]:
-    """Return the surfaces of both plates where wear changes them: one of zero height for a flat plate. Its curvature is that of
-    contacts where the laws know it."""
-    measures = choice.physics.measures
-    if scene.plates.wear is None or measures is None:
+    """Return the surfaces of the plates, of both where wear changes them: one of zero height for a flat plate, whose curvature
+    changes contacts where the laws know it. Raises InputError for a curvature that they do not know (`refuse_curvature`), and
+    where wear counts cycles that the motion does not have."""
+    measures, wear = choice.physics.measures, scene.plates.wear
+    refuse_curvature(scene, surfaces, choice.chain.laws)
+    if wear is None or measures is None:
         return dict(surfaces)
+    if wear.cycles is not None and not schedule(scene, 0.0).closed_paths():
+        message = "the motion of the upper plate does not come back: give distance instead"
+        raise InputError(scene.fault(("plates", "wear", "cycles"), message))
     flat = flat_surface(scene.domain.size, measures.cells, not flat_laws(choice.chain.laws))
     return {side: surfaces.get(side, flat) for side in SIDES}
 

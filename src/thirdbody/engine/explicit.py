@@ -226,14 +226,14 @@ class Explicit:
         }  # fmt: skip
 
     def evaluate(self) -> None:
-        """Evaluate all contacts anew where they are, at a stop: the plates have changed their surfaces. It is a step of no length,
+        """Evaluate all contacts anew where they are, at a stop, as the plates have changed their surfaces: a step of no length,
         which is not counted."""
         A = self.state.A
         columns = [run_totals.STEPS, run_totals.BEHIND, run_totals.PLATE_SPEED, run_totals.HEADING, run_totals.HEADING + 1]
-        kept = A[columns]
+        before = A[columns]
         self.state.slots.Q[:, surface_contact.SEARCHED] = math.inf
         self._advance(1, math.inf, math.inf, 0.0)
-        A[columns] = kept
+        A[columns] = before
 
     def label(self) -> np.ndarray:
         return labels(self.state, self.drag)

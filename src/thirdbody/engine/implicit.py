@@ -336,12 +336,12 @@ class Implicit:
         """Evaluate the contacts with the plates anew where all bodies are, at a stop: the plates have changed their surfaces."""
         state = self.state
         forces = [state.B[:, columns] for columns in (body.FORCE3, body.TORQUE3)]
-        kept = [each.copy() for each in forces]  # those of the last step, with contacts between bodies
+        before = [each.copy() for each in forces]  # those of the last step, with contacts between bodies
         state.slots.Q[:, surface_contact.SEARCHED] = math.inf
         update_closest_points(state, partial(rough.update_minima, STAGE.ACCEPT))
         self.each_island(pieces_of(0, self.islands.count, MIN_BODIES), at_rest.evaluate_islands)
-        for each, before in zip(forces, kept, strict=True):
-            each[:] = before
+        for each, old in zip(forces, before, strict=True):
+            each[:] = old
         if self.plate:
             self.plate.memory[step_memory.LAST_DT] = 0.0
         self._sum_up(state.time, state.distance)

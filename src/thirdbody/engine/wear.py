@@ -16,7 +16,6 @@ from thirdbody.engine.measures import update_measures
 from thirdbody.errors import GuardStop
 from thirdbody.kernels import contact_zone as kernel
 from thirdbody.kernels.tables import LOWER, UPPER, patch, record, run_totals, zone
-from thirdbody.surfaces.statistics import surface_statistics
 from thirdbody.surfaces.surface import Surface
 from thirdbody.surfaces.wear import worn_surfaces
 
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
     from thirdbody.engine.state import Array, State
     from thirdbody.engine.upper_plate import Zone
 
-SHARE = 0.1
+FRACTION = 0.1
 """Largest depth that is taken at once, over the overlap of the contacts: N, as d^(3/2), and its effect on friction then change by
 15 % at most before bodies give way. The overlap is the mean over the contacts with the plate by their load: that of a contact
 that is about to open is as small as one likes, and it carries nothing."""
@@ -36,8 +35,8 @@ PLATES = {"lower": LOWER, "upper": UPPER}
 class Wear:
     """Worn surfaces of a state, and what was taken from them.
 
-    `volume` (2, 2, n_y, n_x) [m3]: of the cells of the maps of both plates, worn until the last update, and taken in all; `totals`:
-    number of updates, and elastic energy that went with them [J]. `surfaces`: those at the start; `now`: as they are worn.
+    `volume` (2, 2, n_y, n_x) [m3]: of the cells of the maps of both plates, worn until the last update, and taken in all.
+    `totals`: number of updates, and elastic energy that went with them [J]. `surfaces`: at the start; `now`: as they are worn.
     """
 
     def __init__(self, state: State, surfaces: dict[str, Surface], times: float) -> None:
@@ -92,10 +91,10 @@ class Wear:
 
     def series(self) -> dict[str, float]:
         """Return what a frame tells of the surfaces."""
-        result, taken = {}, self.volume[1].sum(axis=(1, 2))
+        result, volumes = {}, self.volume[1].sum(axis=(1, 2))
         for side, surface in self.now.items():
             statistics = surface.statistics
-            result[f"worn_volume_{side}"] = float(taken[PLATES[side]])
+            result[f"worn_volume_{side}"] = float(volumes[PLATES[side]])
             result |= {f"rms_height_{side}": statistics.rms_height, f"rms_slope_{side}": statistics.rms_slope}
         if self.state.world.zone is not None:
             result["contact_half_width"] = float(self.state.world.zone.row[zone.HALF_WIDTH])
@@ -112,8 +111,8 @@ class Wear:
         return row
 
     def _widen_contact(self) -> None:
-        """Let loads follow a worn ball: those of bodies inside, scaled down where they would carry more than the whole load; patches
-        outside keep to the gap."""
+        """Let loads follow a worn ball: bodies in the scar share its pressure, scaled down where they would carry more than the
+        whole load; patches outside keep to the gap."""
         contact, P, size = self.state.world.zone, self.state.P, np.array(self.state.world.size)
         if contact is None or (row := self._worn_zone(contact))[zone.KIND] != kernel.WORN_BALL:
             return
@@ -141,14 +140,14 @@ class Wear:
             if not load.any():
                 continue
             usual, deepest = float(load @ overlap[here] / load.sum()), float(depth.max())
-            if deepest > SHARE * usual:
+            if deepest > FRACTION * usual:
                 j, i = np.unravel_index(int(depth.argmax()), depth.shape)
                 x, y = i * surface.spacing[0], j * surface.spacing[1]
-                fitting = _rounded_down(self.times * SHARE * usual / deepest)
+                fitting = _rounded_down(self.times * FRACTION * usual / deepest)
                 raise GuardStop(
                     f"stopped at t = {self.state.time:.6g} s: wear would take {deepest:.3g} m from the {side} plate at "
-                    f"({x:.4g}, {y:.4g}) m of it at once, {deepest / usual:.2g} of the overlap {usual:.3g} m of its contacts, a mean by "
-                    f"load (guard: {SHARE:g}); plates.wear.times = {fitting:g} would do, or more frequent updates"
+                    f"({x:.4g}, {y:.4g}) m of it at once, {deepest / usual:.2g} of the overlap of its contacts, {usual:.3g} m in "
+                    f"the mean by load (guard: {FRACTION:g}); plates.wear.times = {fitting:g} would do, or more frequent updates"
                 )
 
 

@@ -19,7 +19,7 @@ from thirdbody.scene.keys import Key, allowed, merged, scene_keys, toml
 from thirdbody.scene.model import Scene
 from thirdbody.schema.fields import quantity_schema
 from thirdbody.system.terminal import print_line
-from thirdbody.trajectory.names import COUNT, FRACTION, SERIES, TABLES, Name
+from thirdbody.trajectory.names import COUNT, FRACTION, SERIES, SURFACE_WEAR, TABLES, Name
 
 
 def all_keys(registry: Registry) -> list[Key]:
@@ -69,6 +69,7 @@ def all_names(registry: Registry) -> dict[str, dict[str, Name]]:
     layouts = [layout_of([measure]) for measure in registry.measures.values()]
     tables["measures"] = {c.name: Name(c.unit, _sentence(c.doc)) for layout in layouts for c in layout.bodies}
     tables["maps"] = {m.name: Name(m.unit, f"{_sentence(m.doc)} Per area of a cell.") for layout in layouts for m in layout.maps}
+    tables["maps"][SURFACE_WEAR] = Name("m", "Depth taken from the surface of the plate so far; only with `plates.wear`.")
     return tables
 
 

@@ -102,7 +102,7 @@ def _output_times(first: int, last: int, spacing: int, every: float, end: float)
         first = after
 
 
-def wear_place(simulation: Simulation, number: int) -> float:
+def wear_stop(simulation: Simulation, number: int) -> float:
     """Return where wear is taken from the plates for the so-manieth time: time [s], or sliding distance [m] of a run by distance;
     infinite without such wear, and beyond the cycles that it counts."""
     given, schedule, settle = simulation.scene.plates.wear, simulation.schedule, simulation.settle
@@ -122,9 +122,9 @@ def with_wear(simulation: Simulation, stops: Iterator[tuple[float, bool]]) -> It
     """Yield stops, and between them those at which wear is taken from the plates."""
     number = 1
     for x, write in stops:
-        while (place := wear_place(simulation, number)) <= x * EVEN:
-            if place * EVEN < x:
-                yield place, False
+        while (stop := wear_stop(simulation, number)) <= x * EVEN:
+            if stop * EVEN < x:
+                yield stop, False
             number += 1
         yield x, write
 
@@ -227,8 +227,8 @@ class Settling:
         if wear is None or not self.dragged:
             return False
         by_time = simulation.scene.output.every_kind == "time"
-        place = target[0] if by_time else min(target[1], simulation.planned_distance)
-        return place * EVEN >= wear_place(simulation, int(wear.totals[0]) + 1)
+        now = target[0] if by_time else min(target[1], simulation.planned_distance)
+        return now * EVEN >= wear_stop(simulation, int(wear.totals[0]) + 1)
 
     def _instants(self, until: float) -> Iterator[float]:
         """Yield the instants up to `until` [s] at which the scene is judged."""

@@ -159,9 +159,7 @@ def too_long_message(every: float, whole: float, kind: str) -> str:
     return f"{units.pretty(every, kind)} is longer than the whole run; allowed: at most {longest}"
 
 
-def faults_between(
-    plates: Plates, domain: Domain, solver: Solver, output: Output, measures: Measures
-) -> list[Wrong]:
+def faults_between(plates: Plates, domain: Domain, solver: Solver, output: Output, measures: Measures) -> list[Wrong]:
     """Return faults between tables that are valid on their own."""
     faults: list[Wrong] = []
     rough = {side: surface for side in SIDES if (surface := getattr(getattr(plates, side), "surface", None)) is not None}

@@ -20,7 +20,7 @@ from thirdbody.trajectory.accommodation import accommodation, has_accommodation,
 from thirdbody.trajectory.bed_measures import BedMeasures
 from thirdbody.trajectory.blocks import Storage
 from thirdbody.trajectory.contacts import FrameContacts
-from thirdbody.trajectory.names import TAKEN, Frame
+from thirdbody.trajectory.names import SURFACE_WEAR, Frame
 from thirdbody.trajectory.profiles import Profiler
 from thirdbody.trajectory.read_blocks import LOCAL_CENTER
 from thirdbody.trajectory.sampling import IntervalMeans, Sample
@@ -110,7 +110,7 @@ class FrameMaker:
 
     def _maps(self) -> dict[str, np.ndarray]:
         maps = map_densities(self.state)
-        return maps | {TAKEN: self.state.wear.depth} if self.state.wear else maps
+        return maps | {SURFACE_WEAR: self.state.wear.depth} if self.state.wear else maps
 
     def _spheres(self, clumps: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         if not self.selection.has("spheres"):

@@ -26,7 +26,7 @@ domain's size over their number. `/surfaces/lower`, `/surfaces/upper` are writte
 """
 PLATES = ("lower", "upper")
 
-TAKEN = "taken_depth"
+SURFACE_WEAR = "surface_wear"
 """Name of the map of the depth [m] that wear has taken from the surfaces of the plates so far (`plates.wear`)."""
 
 POSITION = "position"
@@ -66,7 +66,9 @@ SERIES = {
     "rms_height_upper": Name("m", "The same of the upper plate."),
     "rms_slope_lower": Name("1", "Root mean square of its slope as it is now; only with `plates.wear`."),
     "rms_slope_upper": Name("1", "The same of the upper plate."),
-    "contact_half_width": Name("m", "Half width of the contact with an edge; only with it and `plates.wear`, where a ball wears."),
+    "contact_half_width": Name(
+        "m", "Half width of the contact with an edge; only with it and `plates.wear`, where a ball wears."
+    ),
     "accommodation_upper_slip": Name("m/s", "Part of the upper plate's speed taken up by slip at its contacts."),
     "accommodation_lower_slip": Name("m/s", "Part taken up by slip at the lower plate."),
     "accommodation_rolling": Name("m/s", "Part taken up by rotation of the bodies at the plates."),

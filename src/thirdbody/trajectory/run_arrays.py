@@ -19,7 +19,7 @@ import numpy as np
 from thirdbody.errors import InputError
 from thirdbody.surfaces.surface import Surface
 from thirdbody.surfaces.wear import worn_surfaces
-from thirdbody.trajectory.names import BLOCKS, MAPS, PLATES, POSITION, PROFILE_GROUP, SUMMARY_TEXT, TAKEN
+from thirdbody.trajectory.names import BLOCKS, MAPS, PLATES, POSITION, PROFILE_GROUP, SUMMARY_TEXT, SURFACE_WEAR
 from thirdbody.trajectory.open_file import FILE_NAME, OpenFile, damage_as_fault, read_text, refuse_false_texts, refuse_unsound
 from thirdbody.trajectory.read_blocks import BlockReader, Named, RebuiltSpheres, read_maps, read_surfaces, refuse_other_plates
 
@@ -243,9 +243,9 @@ class RunArrays(OpenFile):
 
     def surfaces_at(self, frame: int = -1) -> dict[str, Surface]:
         """Return `surfaces` as they are in a frame: less what wear has taken from them until then (`plates.wear`)."""
-        if TAKEN not in self.map_units:
+        if SURFACE_WEAR not in self.map_units:
             return self.surfaces
-        return worn_surfaces(self.surfaces, np.stack([self.maps(plate, frame)[TAKEN] for plate in PLATES]))
+        return worn_surfaces(self.surfaces, np.stack([self.maps(plate, frame)[SURFACE_WEAR] for plate in PLATES]))
 
     def surface(self, plate: str, frame: int = -1) -> Surface | None:
         """Return the surface of a plate.

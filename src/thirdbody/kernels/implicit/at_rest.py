@@ -20,7 +20,7 @@ from thirdbody.kernels.tables import run_totals
 
 @njit(**BARE_CHUNK)
 def evaluate_body(a, context, island, scratch):
-    """Store histories, records and forces of the contacts of one body with plates; the next step starts anew, by backward Euler."""
+    """Store histories, records and forces of the contacts of a body with plates; its next step starts anew, by backward Euler."""
     b, space = body_at(a, island), space_at(a, scratch)
     Z, T, A, dt = space.start, context.memory[b], context.totals[b], context.settings[step_settings.SHORTEST]
     speed = A[run_totals.PLATE_SPEED]
