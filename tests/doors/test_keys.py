@@ -21,7 +21,7 @@ from thirdbody.studies.axes import IntervalTable
 
 TABLES = {
     "materials", "pairs", "debris", "domain", "plates", "contact", "effects", "measures", "solver", "output", "lower", "upper",
-    "motion",
+    "motion", "wear",
 }  # fmt: skip
 """Keys that hold nothing but tables, whose own keys are listed."""
 OF_EFFECTS = {

@@ -14,6 +14,8 @@ from steel import STEEL
 from trajectories import contents
 import thirdbody
 from thirdbody.errors import GuardStop, Interrupted
+from thirdbody.render.surfaces import read_plate_surfaces
+from thirdbody.report.surface import surface_report
 from thirdbody.runner.run_loop import WallTimes
 from thirdbody.runner.simulate import execute, prepare
 from thirdbody.surfaces.surface import Surface
@@ -177,6 +179,17 @@ def test_the_energy_of_the_worn_depth(runs, integrator):
 
 RESIDUAL = {"implicit": 1e-8, "explicit": 1e-4}
 """Over the work of the plates; as without wear."""
+
+
+def test_pictures_reports_and_exports_show_the_worn_surface(runs, tmp_path, capsys):
+    run = runs("explicit")
+    worn, before = (run.surface("lower", frame).heights for frame in (-1, 0))
+    assert before.max() == before.min() == 0.0 > worn.min()
+    assert read_plate_surfaces(run, run.frames - 1)["lower"].low == worn.min()
+    assert run.to_pyvista()["lower_surface"].point_data["height"].min() == worn.min()
+    surface_report(run.path, [tmp_path / "map.npz"], "lower", (None, None), {}, (), False)
+    assert "rms height" in capsys.readouterr().out
+    assert np.array_equal(np.load(tmp_path / "map.npz")["heights"], worn)
 
 
 def test_too_much_at_once_stops_the_run_and_names_what_would_do(tmp_path):

@@ -238,11 +238,20 @@ class RunArrays(OpenFile):
 
     @cached_property
     def surfaces(self) -> dict[str, Surface]:
-        """Surfaces of the rough plates, by `lower` and `upper`; none of flat plates."""
+        """Surfaces of the rough plates at the start, by `lower` and `upper`; none of flat plates."""
         return self._steady("the surfaces", lambda: read_surfaces(self.file))
 
     def surfaces_at(self, frame: int = -1) -> dict[str, Surface]:
-        """Return `surfaces` as they are in a frame: less what wear has taken from them until then (`plates.wear`)."""
+        """Return `surfaces` as they are in a frame: less what wear has taken from them until then (`plates.wear`).
+
+        Parameters
+        ----------
+        frame : int, negative ones count from the end
+
+        Returns
+        -------
+        dict of str to Surface
+        """
         if SURFACE_WEAR not in self.map_units:
             return self.surfaces
         return worn_surfaces(self.surfaces, np.stack([self.maps(plate, frame)[SURFACE_WEAR] for plate in PLATES]))
