@@ -105,10 +105,9 @@ def _output_times(first: int, last: int, spacing: int, every: float, end: float)
 def wear_stop(simulation: Simulation, number: int) -> float:
     """Return where wear is taken from the plates for the so-manieth time: time [s], or sliding distance [m] of a run by distance;
     infinite without such wear, and beyond the cycles that it counts."""
-    given, schedule, settle = simulation.scene.plates.wear, simulation.schedule, simulation.settle
-    by_time = simulation.scene.output.every_kind == "time"
-    if given is None:
+    if (given := simulation.scene.plates.wear) is None:
         return math.inf
+    schedule, settle, by_time = simulation.schedule, simulation.settle, simulation.scene.output.every_kind == "time"
     if given.distance is not None:
         return schedule.time_of(number * given.distance, settle) if by_time else number * given.distance
     begin, until, period = schedule.closed_paths(settle)[0]
