@@ -47,6 +47,7 @@ ENTRIES = {
     "fretting": Entry("plot RUN -o PICTURE --panel loop"),
     "fretting_rig": Entry("plot RUN -o PICTURE --panel loop", "--set debris.0.count=200"),
     "wear_map": Entry(f"{RENDER} --plate lower --color wear_depth --cycles 1000 --height 500"),
+    "worn_by_debris": Entry(f"{RENDER} --plate lower --color surface_wear --height 500"),
     "rough_plates": Entry(),
     "sticky_submicron": Entry(f"{RENDER} --color agglomerate --view side"),
     "dense_layer": Entry(f"{RENDER} --forces --view side"),

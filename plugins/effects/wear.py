@@ -4,7 +4,8 @@ Archard's law: a contact that slips by ds under the load N removes dV = k N ds. 
 dissipates instead: dV = alpha dE. Where a contact slips throughout, dE = mu N ds, and k = alpha mu. In partial slip the energy
 law counts what the rim of the contact dissipates, Archard's the irreversible slip that the friction law tells.
 
-The wear does not change the shape of anything: a depth from a short run, times cycles, is an extrapolation by rate.
+A measure changes the shape of nothing: a depth from a short run, times cycles, is an extrapolation by rate. `plates.wear` of a
+scene takes the depth from the surfaces of the plates (`engine.wear`).
 """
 
 from typing import NamedTuple

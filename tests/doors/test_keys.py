@@ -21,18 +21,18 @@ from thirdbody.studies.axes import IntervalTable
 
 TABLES = {
     "materials", "pairs", "debris", "domain", "plates", "contact", "effects", "measures", "solver", "output", "lower", "upper",
-    "motion",
+    "motion", "wear",
 }  # fmt: skip
 """Keys that hold nothing but tables, whose own keys are listed."""
 OF_EFFECTS = {
     "series": {"energy_plastic", "energy_adhesion", "energy_body_effects", "scene_time", "inside", "ejected"}
-    | {"wall_force_near", "wall_force_far"}
-    | {"base_displacement", "energy_drive_spring"}
+    | {"wall_force_near", "wall_force_far", "base_displacement", "energy_drive_spring", "energy_wear", "contact_half_width"}
+    | {f"{name}_{plate}" for name in ("worn_volume", "rms_height", "rms_slope") for plate in ("lower", "upper")}
     | {f"count_{reason}" for reason in REASONS},
     "bodies": {"plastic_work", "adhesion_work", "agglomerate", "scene_id", "exit_position", "exit_distance"},
     "contacts": {"twist_moment", "twist_utilisation", "moment", "rolling_utilisation"},
 }  # fmt: skip
-"""Names that ask for effects, a sample of the bodies, a scaled speed, side walls, a contact with an edge, or a spring."""
+"""Names that ask for effects, a sample of the bodies, a scaled speed, side walls, a contact with an edge, a spring, or wear."""
 
 
 @pytest.fixture(scope="module")

@@ -35,6 +35,10 @@ CASES = {
         "debris.0.count": "400", "domain.size": '["350 um", "262 um"]', "solver.distance": "3 um",
         "solver.integrator": "implicit", "plates.upper.motion.x.velocity": "1 mm/s",
     },
+    "wear": SHORT | {
+        "debris.0.count": "100", "solver.distance": "4 um", "contact.debris_contact": "none", "solver.integrator": "implicit",
+        "plates.wear": {"distance": "0.2 um", "times": 10}, "measures.cell": "2 um", "measures.wear": {"plates": "1e-17 m3/J"},
+    },
 }  # fmt: skip
 """Some five seconds of integration each, but for the first."""
 

@@ -27,7 +27,7 @@ OTHERS = {
 }  # fmt: skip
 # Scenes with tests of their own.
 ELSEWHERE = {"angular_bed", "fretting", "fretting_rig", "grooves", "million", "rough_plates", "sticky_submicron", "wear_map",
-             "yielding_debris"}  # fmt: skip
+             "worn_by_debris", "yielding_debris"}  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -67,6 +67,7 @@ CASES = {
     "pivoting implicit": ("sheared_debris", ALONE | SMALL | LONG | {"effects.pivoting": {}}),
     "close_spots": ("sheared_debris", MANY | SHORT | {"effects.close_spots": {}}),
     "close_spots implicit": ("sheared_debris", ALONE | MANY | LONG | {"effects.close_spots": {}}),
+    "worn_by_debris": ("worn_by_debris", {"debris.0.count": "6", "solver.duration": "0.7 s"}),
     "fretting_rig": ("fretting_rig", MANY | {"solver.duration": "2 ms", "output.every": "1 ms"}),
 }  # fmt: skip
 

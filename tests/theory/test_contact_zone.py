@@ -261,3 +261,43 @@ def test_a_rig_of_bodies_that_may_meet(tmp_path):
         assert loads == pytest.approx(2e-3, rel=1e-2) and run.summary()["energy_residual"] < 1e-4
         friction.append(run.summary()["friction_coefficient"])
     assert friction[0] == pytest.approx(friction[1], rel=0.01)
+
+
+@integrators
+@pytest.mark.parametrize("wide", [0.9, 1.5])
+def test_a_worn_ball_presses_on_its_scar(make, integrator, wide):
+    """V = pi a_w^4/(4 R): once the scar is wider than Hertz' contact every body in it carries P/(pi a_w^2) times the share of the
+    domain that it had at the start, at most P in all; the others sink as the gap does."""
+    profile, load = Hertz(profile="hertz", body="ball", radius=1.0, load=1e-2), 1e-2
+    places = np.random.default_rng(2).uniform(-8e-5, 8e-5, (40, 2))
+    upper = {"material": "ball", "support": "load_per_particle", "pressure": profile, "motion": {"x": {"velocity": 1e-3}}}
+    tables = {
+        "plates": {"lower": {"material": "ball"}, "upper": upper, "contact": {"friction": 0.1}, "wear": {"distance": 1.0}},
+        "measures": {"cell": 1e-5, "wear": {"plates": "1e-30 m3/J"}},
+        "contact": {"level": "mindlin", "debris_contact": "none"},
+        "solver": {"duration": 1.0, "integrator": integrator, "settle": 2e-6},
+        "domain": {"size": (SIZE, SIZE)},
+    }
+    debris = [make.ball(MICRO, (0.5 * SIZE + x, 0.5 * SIZE + y, MICRO)) for x, y in places]
+    simulation = make.build(make.scene(debris, {"ball": make.STEEL}, friction=0.3, restitution=0.5, **tables))
+    state, wear = simulation.state, simulation.state.wear
+    simulation.integrator.advance_to(time=2e-6)
+    P, a = state.P[state.patch], hertz_contact(profile, SIZE, MODULUS)[0]
+    scar, distance = wide * a, np.hypot(*places[state.order].T)
+    nominal, gaps, before = P[0, patch.NOMINAL_LOAD], state.world.zone.gaps, P[:, patch.LOAD].copy()
+    state.maps[wear.map, 1] += math.pi * scar**4 / 4.0 / state.maps[wear.map, 1].size
+    wear.take(simulation.integrator)
+    now = state.P[state.patch]
+    if wide < 1.0:
+        assert now[:, patch.LOAD] == pytest.approx(before, abs=1e-9 * load)  # outside they move against a dashpot
+        return
+    inside = distance < scar
+    assert np.count_nonzero(distance < a) < np.count_nonzero(inside) < len(places)
+    # p0 = 3 P/(2 pi a^2) times the share is the nominal load
+    expected = np.where(inside, nominal * load / (math.pi * scar**2) / (1.5 * load / (math.pi * a * a)), 0.0)
+    expected *= min(1.0, load / expected.sum())
+    assert now[:, patch.LOAD] == pytest.approx(expected, rel=1e-9, abs=1e-9 * load)
+    sunk = gaps - np.maximum(distance**2 - scar**2, 0.0) / 2.0
+    assert (P[:, patch.HEIGHT] - now[:, patch.HEIGHT])[~inside] == pytest.approx(sunk[~inside], rel=1e-6)
+    simulation.integrator.advance_to(time=2e-5)
+    assert state.A[run_totals.UPPER_FORCE + 2] == pytest.approx(expected.sum(), rel=1e-3)

@@ -34,6 +34,7 @@ SHORT = {
     },
     "million.toml": {"debris.0.count": "12", "domain.size": ["100 um", "75 um"], "solver.distance": "1.5 um"},
     "sticky_submicron.toml": {"debris.0.count": "40", "domain.size": ["1.2 um", "1 um"], "solver.distance": "0.1 um"},
+    "worn_by_debris.toml": {"debris.0.count": "4", "solver.duration": "20 ms"},
     "wear_map.toml": {"debris.0.count": "4", "solver.duration": "20 ms"},
     "three_spot.toml": {"solver.distance": "20 nm"},
     "fretting.toml": {"debris.0.count": "3", "domain.size": ["30 um", "25 um"], "solver.distance": "100 nm"},

@@ -246,7 +246,7 @@ def test_settling_by_itself_does_not_drown_the_drag_in_frames():
         (8e-3, "auto", True), (1.001e-5, "auto", True), (1.99e-5, "auto", True), (8e-5, 8e-5, False), (9e-6, "auto", False),
     ):  # fmt: skip
         output, solver = SimpleNamespace(every_kind="time", every=1e-7), SimpleNamespace(settle=wish)
-        scene, end = SimpleNamespace(output=output, solver=solver), settle + 1e-6
+        scene, end = SimpleNamespace(output=output, solver=solver, plates=SimpleNamespace(wear=None)), settle + 1e-6
         simulation = SimpleNamespace(scene=scene, settle=settle, planned_time=end, end_time=end, end_distance=1.0, extended=0)
         simulation.settle_after = {0: settle}.get
         times = [time for time, _, write in targets(simulation) if write]

@@ -7,6 +7,7 @@ import pytest
 from each import each
 from steel import STEEL
 from thirdbody.assembly.schedule import rows_of
+from thirdbody.assembly.simulation import build
 from thirdbody.bodies.body_tables import load_bodies
 from thirdbody.errors import InputError
 from thirdbody.scene.model import Scene, Spheres
@@ -206,6 +207,33 @@ def missing_pairs(debris: str, contact: str = "auto") -> set[str]:
 
 def ball(material: str, count: int) -> str:
     return f'[[debris]]\nkind = "spheres"\nmaterial = "{material}"\nradius = "1 um"\ncount = {count}\n'
+
+
+WEAR = ("[plates.upper]", "[plates.wear]\ncycles = 1\ntimes = 10\n[plates.upper]")
+MAPPED = ("[solver]", '[measures]\ncell = "1 um"\nwear = {plates = "1e-15 m3/J"}\n[solver]')
+FAULTS_OF_WEAR = [
+    ([WEAR], "24:1: plates.wear: takes what measures.wear has mapped: add it, and measures.cell"),
+    ([WEAR, MAPPED, ("cycles = 1", "")], "24:1: plates.wear: give one of cycles, distance"),
+    ([WEAR, MAPPED, ("cycles = 1", 'distance = "1 um"\ncycles = 1')],
+     "25:1: plates.wear.distance: give only one of cycles, distance: cycles is given too"),
+    ([WEAR, MAPPED, ("times = 10", "times = 0")], "26:1: plates.wear.times: 0 must be greater than 0"),
+    ([WEAR, MAPPED, ('["600 um", "400 um"]', '["600 um", "400 um"]\nperiodic = false')],
+     "25:1: plates.wear: worn surfaces repeat with the domain: domain.periodic must be true"),
+    ([WEAR, MAPPED, ('"refuse"', '"relax"')],
+     "46:1: solver.initial_overlap: 'relax' pushes bodies apart between flat plates only, and plates.wear has heights; "
+     'give positions without overlap, or placement = "layer"'),
+]  # fmt: skip
+
+
+@each(FAULTS_OF_WEAR, name_of=lambda row: row[-1])
+def test_faults_of_wear_that_changes_the_plates(row):
+    changes, fault = row
+    assert faults_of(changed(*changes)) == [fault]
+
+
+def test_cycles_need_a_motion_that_comes_back():
+    with pytest.raises(InputError, match="plates.wear.cycles: the motion of the upper plate does not come back: give distance"):
+        build(Scene.parse(changed(WEAR, MAPPED)))
 
 
 def test_pairs_are_needed_only_where_materials_can_meet():

@@ -319,7 +319,7 @@ def _interaction_table(
     other = [law.name for law in chain.laws if law.stage == "adhesion" or (law.stage == "normal" and law.name != "hertz")]
     if len(interactions) > 1:
         reason = f"two interactions of spots: {', '.join(effect.name for effect in interactions)}"
-    elif any(plate is not None and plate.surface is not None for plate in plates):
+    elif scene.plates.wear or any(plate is not None and plate.surface is not None for plate in plates):
         reason = "the interaction of spots on rough plates is not built: the plates must be flat"
     elif scene.domain.walls:
         reason = "the interaction of spots does not tell side walls (domain.walls) from the lower plate"

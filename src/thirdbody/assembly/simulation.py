@@ -18,11 +18,12 @@ from thirdbody.assembly.integrator import Plan, examine_inertia, implicit, plan,
 from thirdbody.assembly.physics import CompiledPhysics, compile_physics
 from thirdbody.assembly.populate import populate
 from thirdbody.assembly.schedule import schedule
-from thirdbody.assembly.surfaces import SurfaceScales, plate_surfaces, refuse_curvature, surface_scales, with_surfaces
+from thirdbody.assembly.surfaces import SurfaceScales, plate_surfaces, surface_scales, with_flat_surfaces, with_surfaces
 from thirdbody.assembly.upper_plate import Upper, upper_plate
 from thirdbody.engine.placed import in_columns
 from thirdbody.engine.state import State, World, assemble
 from thirdbody.engine.upper_plate import Schedule
+from thirdbody.engine.wear import Wear
 from thirdbody.errors import InputError
 from thirdbody.kernels.tables import EVERYTHING
 from thirdbody.laws.contract import Labeller
@@ -165,13 +166,11 @@ def build(
     """Build the simulation of a scene, compiled and at time zero. Raises InputError for a scene that cannot run.
 
     `force` lets a fixed time step exceed its bound. `ready` is called once the integrator is chosen, with the units that it needs
-    (`engine.units`), before they are called. `before`: the integrator with which a run began, which goes on
-    with it.
+    (`engine.units`), before they are called. `before`: the integrator with which a run began.
     """
     registry = registry or discover()
-    rough = plate_surfaces(scene)
     choice = compile_physics(scene, registry)
-    refuse_curvature(scene, rough, choice.chain.laws)
+    rough = with_flat_surfaces(scene, plate_surfaces(scene), choice)
     notes = (f"{side} plate: {note}" for side, surface in rough.items() for note in surface.notes)
     warnings = [*unusual_values(scene.materials, scene.pairs), *notes, *similarity_warnings(choice)]
     if choice.physics.stiffness is None:
@@ -198,6 +197,7 @@ def build(
     world = World(domain.size, domain.periodic, bounded, lower, upper.plate, debris_contact, *ends)
     world, radii = with_surfaces(world, rough), np.concatenate([clump.radii for clump in placed.clumps])
     state = assemble(placed, world, choice.physics, SKIN * float(radii.mean()), order, choice.reach(float(radii.max())))
+    state.wear = Wear(state, rough, scene.plates.wear.times) if scene.plates.wear else None
     _refuse_narrow_domain(scene, state)
     chosen = plan(scene, choice, state, upper, before)
     ready(units_of(chosen, state))
@@ -214,8 +214,7 @@ def build(
         scene, requested, choice, choice.labeller, state, integrator, chosen, upper, warnings, force, relaxed, bed, scale, rough
     )  # fmt: skip
     _examine_length(simulation)
-    for side, scales in simulation.surface_scales.items():
-        warnings += scales.warnings(side)
+    warnings += [text for side, scales in simulation.surface_scales.items() for text in scales.warnings(side)]
     if chosen.kind == "explicit":
         _refuse_endless(simulation, force)
     return simulation

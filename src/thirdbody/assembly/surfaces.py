@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from thirdbody.assembly.physics import CompiledPhysics
+from thirdbody.assembly.schedule import schedule
 from thirdbody.engine.state import World
 from thirdbody.errors import Fault, InputError
 from thirdbody.laws.contract import Law
@@ -20,6 +22,7 @@ from thirdbody.surfaces.reading import read_scan
 from thirdbody.surfaces.scan import ScanOptions, periodic_scan
 from thirdbody.surfaces.statistics import Statistics
 from thirdbody.surfaces.surface import Surface, about_mean_plane
+from thirdbody.surfaces.wear import flat_surface
 from thirdbody.units import percent, pretty
 
 Size = tuple[float, float]
@@ -64,12 +67,32 @@ def plate_surfaces(scene: Scene) -> dict[str, Surface]:
     return surfaces
 
 
+def with_flat_surfaces(scene: Scene, surfaces: Mapping[str, Surface], choice: CompiledPhysics) -> dict[str, Surface]:
+    """Return the surfaces of the plates, of both where wear changes them: one of zero height for a flat plate, whose curvature
+    changes contacts where the laws know it. Raises InputError for a curvature that they do not know (`refuse_curvature`), and
+    where wear counts cycles that the motion does not have."""
+    measures, wear = choice.physics.measures, scene.plates.wear
+    refuse_curvature(scene, surfaces, choice.chain.laws)
+    if wear is None or measures is None:
+        return dict(surfaces)
+    if wear.cycles is not None and not schedule(scene, 0.0).closed_paths():
+        message = "the motion of the upper plate does not come back: give distance instead"
+        raise InputError(scene.fault(("plates", "wear", "cycles"), message))
+    flat = flat_surface(scene.domain.size, measures.cells, not flat_laws(choice.chain.laws))
+    return {side: surfaces.get(side, flat) for side in SIDES}
+
+
+def flat_laws(laws: Iterable[Law]) -> list[str]:
+    """Return the names of laws with which contacts cannot know the curvature of plates (`refuse_curvature`)."""
+    return [law.name for law in laws if law.stage == "adhesion" or (law.stage == "normal" and law.name != HERTZ.name)]
+
+
 def refuse_curvature(scene: Scene, surfaces: Mapping[str, Surface], laws: Iterable[Law]) -> None:
     """Raise InputError where the curvature of a surface is to enter contacts whose normal force is not that of Hertz alone.
 
     The force that comes from the changing effective radius is known for Hertz' energy (`contact_geometry.add_gradient_force`).
     """
-    others = [law.name for law in laws if law.stage == "adhesion" or (law.stage == "normal" and law.name != HERTZ.name)]
+    others = flat_laws(laws)
     curved = [side for side, surface in surfaces.items() if surface.curvature]
     if others and curved:
         message = f"not with {', '.join(others)}: only the normal law hertz, without adhesion, knows curved plates; give false"
@@ -77,10 +100,11 @@ def refuse_curvature(scene: Scene, surfaces: Mapping[str, Surface], laws: Iterab
 
 
 def with_surfaces(world: World, surfaces: Mapping[str, Surface]) -> World:
-    """Return the world with these surfaces of its plates."""
+    """Return the world with these surfaces of its plates, copies that wear may change."""
     lower, upper = (surfaces.get(side) for side in SIDES)
     return replace(
-        world, lower_surface=None if lower is None else lower.packed, upper_surface=None if upper is None else upper.packed,
+        world, lower_surface=None if lower is None else lower.packed.copy(),
+        upper_surface=None if upper is None else upper.packed.copy(),
         curved=(lower is None or lower.curvature, upper is None or upper.curvature),
     )  # fmt: skip
 

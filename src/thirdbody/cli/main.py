@@ -265,7 +265,7 @@ def shapes(
 
 @app.command(cls=Command)
 def surface(
-    path: Annotated[Path, typer.Argument(metavar="FILE|SCENE", help="measured surface, or scene (TOML) with a rough plate")],
+    path: Annotated[Path, typer.Argument(metavar="FILE|SCENE|RUN", help="measured surface, or scene or run with a rough plate")],
     out: Annotated[
         list[Path] | None,
         typer.Option("--out", "-o", metavar="FILE", help="height map (.npz) or picture (.png, .pdf, .svg); may be repeated"),
@@ -279,7 +279,7 @@ def surface(
     plugin: Plugins = None,
     json: Json = False,
 ) -> None:
-    """Describe a measured surface or that of a scene's plate, convert it to NPZ, draw it."""
+    """Describe a measured surface or that of a plate, of a run at its end; convert it to NPZ, draw it."""
     from thirdbody.report.surface import surface_report
 
     surface_report(path, out or [], plate, (unit, spacing), override_pairs(settings), plugin or (), json)

@@ -25,7 +25,7 @@ from thirdbody.kernels.explicit import step_loop
 from thirdbody.kernels.explicit.passes import run_groups
 from thirdbody.kernels.minima import UPDATE, update
 from thirdbody.kernels.step_tables import body_force, chunk_motion, contact_stiffness, contact_sums, drift_scratch
-from thirdbody.kernels.tables import domain, loaded_contact, patch, run_totals, sphere
+from thirdbody.kernels.tables import domain, loaded_contact, patch, run_totals, sphere, surface_contact
 from thirdbody.kernels.tile import TILE, law_input
 from thirdbody.laws.contract import Material
 
@@ -225,6 +225,16 @@ class Explicit:
             "searches": self.state.searches, "time_step": self.state.dt,
             "time_step_limit": {"mechanism": limit.mechanism, "body": limit.body, "smallest": limit.step},
         }  # fmt: skip
+
+    def evaluate(self) -> None:
+        """Evaluate all contacts anew where they are, at a stop, as the plates have changed their surfaces: a step of no length,
+        which is not counted."""
+        A = self.state.A
+        columns = [run_totals.STEPS, run_totals.BEHIND, run_totals.PLATE_SPEED, run_totals.HEADING, run_totals.HEADING + 1]
+        before = A[columns]
+        self.state.slots.Q[:, surface_contact.SEARCHED] = math.inf
+        self._advance(1, math.inf, math.inf, 0.0)
+        A[columns] = before
 
     def label(self) -> np.ndarray:
         return labels(self.state, self.drag)

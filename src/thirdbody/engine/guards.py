@@ -68,15 +68,18 @@ class Ledger:
         A = state.A
         gained = A[run_totals.PLATE_WORK] + A[run_totals.EFFECT_WORK]
         damping, friction, numerical = A[run_totals.DAMPING_WORK], A[run_totals.FRICTION_WORK], A[run_totals.NUMERICAL_LOSS]
+        worn = state.wear.energy if state.wear else 0.0
         spent = kinetic + normal + tangential + springs + direct + pulled - self.start
         spent += damping + friction + A[run_totals.DIRECT_WORK]
-        spent += numerical
+        spent += numerical + worn
         works = damping, friction, A[run_totals.PLATE_WORK], A[run_totals.EFFECT_WORK], numerical
         values = kinetic, normal, tangential, *works, gained - spent
         lines = {name: float(value) for name, value in zip(LINES, values, strict=True)}
         if state.physics.loss:
             lines[state.physics.loss] = float(state.E[:, body_extra.NORMAL_LOSS].sum())
             lines["friction"] -= lines[state.physics.loss]
+        if state.wear:
+            lines["wear"] = worn
         if not state.physics.has_effects:  # omitted rather than zero
             del lines["body_effects"]
         upper = state.world.upper

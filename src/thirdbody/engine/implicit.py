@@ -28,13 +28,13 @@ from thirdbody.engine.units import BATCH
 from thirdbody.engine.upper_plate import at_time
 from thirdbody.errors import GuardStop
 from thirdbody.jit.arguments import Packer, address
-from thirdbody.jit.threads import distribute, parts_of
+from thirdbody.jit.threads import MIN_BODIES, distribute, parts_of, pieces_of
 from thirdbody.kernels.arguments import LAW
-from thirdbody.kernels.implicit import books, driver, pairs, rough, spots_part
+from thirdbody.kernels.implicit import at_rest, books, driver, pairs, rough, spots_part
 from thirdbody.kernels.implicit.control import BodyStop, StepLimit
 from thirdbody.kernels.implicit.workspace import FREEDOMS, ISLANDS, KINDS, PART, STAGE, UPDATE_MINIMA, ImplicitContext
 from thirdbody.kernels.step_tables import body_solution, sphere_path, step_memory, step_settings, step_start
-from thirdbody.kernels.tables import domain, patch, run_totals, surface_contact
+from thirdbody.kernels.tables import body, domain, patch, run_totals, surface_contact
 from thirdbody.kernels.tile import TILE
 from thirdbody.laws.contract import Material
 
@@ -331,6 +331,20 @@ class Implicit:
 
     def mean_time(self) -> float:
         return float(self.totals[:, run_totals.TIME].mean())
+
+    def evaluate(self) -> None:
+        """Evaluate the contacts with the plates anew where all bodies are, at a stop: the plates have changed their surfaces."""
+        state = self.state
+        forces = [state.B[:, columns] for columns in (body.FORCE3, body.TORQUE3)]
+        before = [each.copy() for each in forces]  # those of the last step, with contacts between bodies
+        state.slots.Q[:, surface_contact.SEARCHED] = math.inf
+        update_closest_points(state, partial(rough.update_minima, STAGE.ACCEPT))
+        self.each_island(pieces_of(0, self.islands.count, MIN_BODIES), at_rest.evaluate_islands)
+        for each, old in zip(forces, before, strict=True):
+            each[:] = old
+        if self.plate:
+            self.plate.memory[step_memory.LAST_DT] = 0.0
+        self._sum_up(state.time, state.distance)
 
     def label(self) -> Array:
         return labels(self.state, self.drag)

@@ -60,6 +60,8 @@ def restore(captured: Snapshot, state: State, integrator: Any, ledger: Ledger) -
     state.dt, state.searches = float(notes["dt"]), int(notes["searches"])
     for name, array in fixed.items():
         array[:] = captured.arrays[name]
+    if state.wear:
+        state.wear.restore()
     state.slots = slots
     integrator.restore({name: captured.arrays[f"integrator_{name}"] for name in own}, notes["integrator"])
     ledger.start, ledger.peak = float(notes["energy_start"]), float(notes["energy_peak"])
@@ -96,6 +98,7 @@ def _fixed(state: State) -> dict[str, Array]:
     measured = {"W": state.W, "maps": state.maps} if state.physics.measures else {}
     measured |= {"drive": state.drive} if state.sprung else {}
     own_table = state.sphere_table is not None and state.sphere_table is not state.B
+    measured |= {"wear": state.wear.volume, "wear_totals": state.wear.totals} if state.wear else {}
     return {name: getattr(state, name) for name in FIXED if name != "S" or own_table} | measured
 
 

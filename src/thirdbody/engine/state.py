@@ -159,6 +159,7 @@ class State:
     maps: Array = field(default_factory=lambda: np.zeros((0, 2, 1, 1)))
     radii: Array = field(default_factory=lambda: np.zeros(0))  # of spheres that are not kept
     drive: Array = field(default_factory=lambda: np.zeros(0))  # row of `tables.drive`; empty: the plate follows its schedule
+    wear: Any = None  # `engine.wear.Wear`, where wear changes the plates
     dt: float = 0.0
     searches: int = 0
     summed: bool = False  # whether the integrator sums the elastic energies; otherwise they come from the records

@@ -117,7 +117,7 @@ def multiblock(run: RunArrays, frame: int) -> pyvista.MultiBlock:
             unit = units.get(key) or run.header["units"].get(key, "1")
             block.field_data[f"{key}_units"] = [unit.replace("·", " ")]  # VTK accepts ASCII only
         blocks[name] = block
-    for side, surface in run.surfaces.items():  # over the domain and one point beyond
+    for side, surface in run.surfaces_at(number).items():  # over the domain and one point beyond
         position, heights = run.surface_position(side, number), np.pad(surface.heights, (0, 1), mode="wrap")
         x, y = (start + step * np.arange(n) for start, step, n in zip(position, surface.spacing, heights.T.shape, strict=False))
         across, along = np.meshgrid(x, y)

@@ -14,7 +14,7 @@ from thirdbody.jit.options import BARE
 from thirdbody.kernels.tables import body, domain, patch, zone
 from thirdbody.kernels.vectors import nearest_image
 
-UNIFORM, PUNCH, BALL, CYLINDER, MAP = range(5)
+UNIFORM, PUNCH, BALL, CYLINDER, MAP, WORN_BALL = range(6)
 
 
 @njit(**BARE)
@@ -60,7 +60,7 @@ def map_values(x, y, Z):
 @njit(**BARE)
 def pressure(x, y, Z):
     """Return the pressure at a position over the reference pressure: of a ball or a cylinder Hertz' ellipse (K. L. Johnson,
-    Contact Mechanics, 1985, 4.2)."""
+    Contact Mechanics, 1985, 4.2); of a worn ball uniform within its scar."""
     kind, a = Z[zone.KIND], Z[zone.HALF_WIDTH]
     if kind == UNIFORM:
         return 1.0
@@ -71,14 +71,17 @@ def pressure(x, y, Z):
         return fraction
     if kind == MAP:
         return map_values(x, y, Z)[0]
-    square = (x * x + (y * y if kind == BALL else 0.0)) / (a * a)
+    square = (x * x + (0.0 if kind == CYLINDER else y * y)) / (a * a)
+    if kind == WORN_BALL:
+        return Z[zone.SCAR_PRESSURE] if square < 1.0 else 0.0
     return math.sqrt(1.0 - square) if square < 1.0 else 0.0
 
 
 @njit(**BARE)
 def gap(x, y, Z):
     """Return how far apart the first bodies are at a position [m]; 0 inside. A punch has a chamfer of 45 degrees. For a ball and
-    a cylinder it includes the displacement outside Hertz' pressure (K. L. Johnson, Contact Mechanics, 1985, 3.42 and 4.2)."""
+    a cylinder it includes the displacement outside Hertz' pressure (K. L. Johnson, Contact Mechanics, 1985, 3.42 and 4.2); around
+    the scar of a worn ball it is that of the unloaded ball."""
     kind, a, radius = Z[zone.KIND], Z[zone.HALF_WIDTH], Z[zone.RADIUS]
     if kind == MAP:
         return map_values(x, y, Z)[1]
@@ -86,9 +89,11 @@ def gap(x, y, Z):
         out_x = max(abs(x) - a - 0.5 * Z[zone.EDGE], 0.0) if a > 0.0 else 0.0
         b = Z[zone.HALF_WIDTH + 1]
         return math.hypot(out_x, max(abs(y) - b - 0.5 * Z[zone.EDGE], 0.0) if b > 0.0 else 0.0)
-    r = math.hypot(x, y) if kind == BALL else abs(x)
-    if (kind != BALL and kind != CYLINDER) or r <= a:
+    r = abs(x) if kind == CYLINDER else math.hypot(x, y)
+    if kind == UNIFORM or r <= a:
         return 0.0
+    if kind == WORN_BALL:
+        return (r * r - a * a) / (2.0 * radius)
     root = math.sqrt(r * r - a * a)
     if kind == BALL:
         return (a * root + (r * r - 2.0 * a * a) * math.acos(a / r)) / (math.pi * radius)

@@ -111,6 +111,7 @@ zone = Table(
     first=vector(2, "m", "of a map: position of its first node; its pressures, then its gaps, follow in the same row"),
     rate=vector(2, "1/m", "of a map: cells per length along x and y"),
     count=vector(2, "", "of a map: nodes along x and y"),
+    scar_pressure=number("", "of a worn ball: its uniform pressure over the reference pressure"),
 )
 
 drive = Table(

@@ -82,7 +82,7 @@ def read_plate_surfaces(run: RunFile, frame: int) -> dict[str, PlateSurface]:
             surface.coefficients, surface.size, run.surface_position(side, frame), 1.0 if side == "lower" else -1.0,
             float(surface.heights.min()), float(surface.heights.max()),
         )
-        for side, surface in run.surfaces.items()
+        for side, surface in run.surfaces_at(frame).items()
     }  # fmt: skip
 
 

@@ -19,7 +19,7 @@ from thirdbody.scene.keys import Key, allowed, merged, scene_keys, toml
 from thirdbody.scene.model import Scene
 from thirdbody.schema.fields import quantity_schema
 from thirdbody.system.terminal import print_line
-from thirdbody.trajectory.names import COUNT, FRACTION, SERIES, TABLES, Name
+from thirdbody.trajectory.names import COUNT, FRACTION, SERIES, SURFACE_WEAR, TABLES, Name
 
 
 def all_keys(registry: Registry) -> list[Key]:
@@ -73,6 +73,7 @@ def all_names(registry: Registry) -> dict[str, dict[str, Name]]:
         for layout in layouts
         for m in layout.maps
     }
+    tables["maps"][SURFACE_WEAR] = Name("m", "Depth taken from the surface of the plate so far; only with `plates.wear`.")
     return tables
 
 

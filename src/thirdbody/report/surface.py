@@ -1,4 +1,4 @@
-"""Report of `thirdbody surface`: statistics, conversion and picture of a measured surface, or of that of a scene's plate."""
+"""Report of `thirdbody surface`: statistics, conversion and picture of a measured surface, or of that of a plate."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,6 +15,7 @@ from thirdbody.surfaces.reading import npz_bytes, read_any_scan
 from thirdbody.surfaces.scan import HeightMap, fill_missing, levelled
 from thirdbody.surfaces.statistics import Statistics, surface_statistics, with_spectrum
 from thirdbody.system.terminal import print_line
+from thirdbody.trajectory.run_file import RunFile
 from thirdbody.units import pretty
 
 SCAN = ".npz"
@@ -34,19 +35,21 @@ def surface_report(
     path: Path, out: Sequence[Path], plate: str | None, grid: tuple[str | None, str | None], settings: Mapping[str, str],
     plugins: Sequence[Path], json: bool,
 ) -> None:  # fmt: skip
-    """Print the statistics of a measured surface, or of that of a scene's plate; write and draw it into the files `out`.
+    """Print the statistics of a measured surface, or of that of a plate of a scene, or of a run at its end; write and draw it
+    into the files `out`.
 
     `grid`: unit, and distance of points, of a file that names none. Raises UsageError for options that do not belong to the file.
     """
-    scene, kinds = path.suffix.lower() == ".toml", {target: target.suffix.lower() for target in out}
+    of_plate = path.suffix.lower() in (".toml", ".vtkhdf") or path.is_dir()
+    kinds = {target: target.suffix.lower() for target in out}
     for target, kind in kinds.items():
         if kind not in (*FORMATS, SCAN):
             raise UsageError(f"{target}: expected a picture ({', '.join(FORMATS)}) or a height map ({SCAN})")
-    if plate is not None and not scene:
-        raise UsageError("--plate: for a scene; a file holds one surface")
-    if grid != (None, None) and scene:
+    if plate is not None and not of_plate:
+        raise UsageError("--plate: for a scene or a run; a file holds one surface")
+    if grid != (None, None) and of_plate:
         raise UsageError("--unit, --spacing: for a file of a measured surface")
-    scan, one = _plate(path, plate, settings, plugins) if scene else _measured(path, *grid)
+    scan, one = _plate(path, plate, settings, plugins) if of_plate else _measured(path, *grid)
     for target in (target for target, kind in kinds.items() if kind == SCAN):
         write_output(target, npz_bytes(scan))
     _print(one, json)
@@ -72,7 +75,11 @@ def _measured(path: Path, unit: str | None, spacing: str | None) -> tuple[Height
 def _plate(path: Path, plate: str | None, settings: Mapping[str, str], plugins: Sequence[Path]) -> tuple[HeightMap, Described]:
     from thirdbody.assembly.surfaces import plate_surfaces  # imports the engine, which a file needs not
 
-    surfaces = plate_surfaces(Scene.load(path, plugins).with_settings(settings))
+    if path.suffix.lower() == ".toml":
+        surfaces = plate_surfaces(Scene.load(path, plugins).with_settings(settings))
+    else:
+        with RunFile(path) as run:
+            surfaces = run.surfaces_at()
     if not surfaces:
         raise UsageError(f"{path}: both plates are flat: add plates.lower.surface or plates.upper.surface")
     side = plate or next(iter(surfaces))

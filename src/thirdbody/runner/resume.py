@@ -14,7 +14,7 @@ from thirdbody.runner.checkpoint import FILE as CHECKPOINT
 from thirdbody.runner.checkpoint import THE_INTEGRATOR, THE_VERSION, Checkpoint, prints_of, read_checkpoint
 from thirdbody.runner.run_folder import SCENE_FILE, refuse_links
 from thirdbody.runner.simulate import prepare
-from thirdbody.runner.stops import targets
+from thirdbody.runner.stops import EVEN, targets
 from thirdbody.scene.model import Scene
 from thirdbody.schema.parts import differences
 from thirdbody.schema.read import read_text
@@ -23,9 +23,6 @@ from thirdbody.trajectory.run_file import RunFile
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
-
-EVEN = 1.0 + 1e-9
-"""Factor for rounding in the test whether the clock has reached a stop."""
 
 LONGER = ("solver.distance", "solver.duration")
 """Keys that may differ from the first part of the run: its length."""

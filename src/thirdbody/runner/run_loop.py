@@ -106,6 +106,8 @@ class RunLoop:
             self._write()
         for target in islice(targets(simulation), self.reached, None):
             self.settling.advance(target, lambda time, path: integrator.advance_to(time, path, self._watch, self._stop_or_save))
+            if self.settling.wears(target):  # before its frame, which shows the plates as they are then
+                simulation.state.wear.take(integrator)
             self.reached += 1
             # one explicit step may pass several outputs
             if target[2] and simulation.state.time > self.series["time"]:
@@ -116,8 +118,10 @@ class RunLoop:
         self.export_state()
 
     def _begin_drag(self) -> None:
-        """Have means over time, and over the output interval, begin with the drag."""
+        """Have means over time, and over the output interval, begin with the drag, and wear that changes the plates."""
         reset_means(self.simulation.state)
+        if self.simulation.state.wear:
+            self.simulation.state.wear.begin()
         self.maker.impulses = impulses_of(self.simulation.state)
         if self.means:
             self.means.finish()

@@ -30,7 +30,7 @@ from thirdbody.runner.run_loop import RunLoop, WallTimes
 from thirdbody.runner.verdicts import endings, warnings_at_end
 from thirdbody.scene.model import Scene
 from thirdbody.system.signals import stop_on_ctrl_c
-from thirdbody.trajectory.names import PROFILES, SERIES
+from thirdbody.trajectory.names import PROFILES, SERIES, SURFACE_WEAR
 from thirdbody.trajectory.open_file import FILE_NAME
 from thirdbody.trajectory.run_file import RunFile
 from thirdbody.trajectory.writer import TrajectoryWriter
@@ -219,6 +219,7 @@ def run_header(simulation: Simulation) -> dict[str, Any]:
         units |= {f"fraction_{name}": "1" for name in labeller.states} | {f"count_{name}": "1" for name in labeller.reasons}
     measures = simulation.state.physics.measures
     units |= measures.layout.units() if measures else {}
+    units |= {SURFACE_WEAR: "m"} if simulation.state.wear else {}
     meanings = labeller.meanings() if labeller else {}
     meanings |= {column.name: column.doc for column in measures.layout.bodies} if measures else {}
     return {

@@ -31,6 +31,9 @@ LEAD, TINY = 0.25, 1e-300
 """Time before the end of settling at which an explicit run is looked at, in parts of the expected time (`EXTENSIONS`); guard of
 divisions."""
 
+EVEN = 1.0 + 1e-9
+"""Factor for rounding: places this near to each other are one; and in the test whether the clock has reached a stop."""
+
 
 def targets(simulation: Simulation) -> Iterator[tuple[float, float, bool]]:
     """Yield (time [s], distance [m], is_output) of every stop: the end of settling, then outputs.
@@ -48,7 +51,7 @@ def targets(simulation: Simulation) -> Iterator[tuple[float, float, bool]]:
             yield end, infinite, False
             whole = last
         last = max(whole + 1, _number_of_outputs(simulation.planned_time, output.every))
-        for x, write in _output_times(whole, last, 1, output.every, simulation.planned_time):
+        for x, write in with_wear(simulation, _output_times(whole, last, 1, output.every, simulation.planned_time)):
             yield x, simulation.end_distance, write
         return
     if settle > 0.0:
@@ -58,7 +61,7 @@ def targets(simulation: Simulation) -> Iterator[tuple[float, float, bool]]:
             yield end, infinite, False
         yield simulation.settle, infinite, True
     by_time, last = math.isfinite(simulation.end_time), _number_of_outputs(simulation.planned_distance, output.every)
-    for x, write in _output_times(0, last, 1, output.every, simulation.planned_distance):
+    for x, write in with_wear(simulation, _output_times(0, last, 1, output.every, simulation.planned_distance)):
         # a run by duration may end at rest: its last stop is its end time
         yield simulation.end_time, infinite if by_time and x >= simulation.planned_distance else x, write
 
@@ -97,6 +100,32 @@ def _output_times(first: int, last: int, spacing: int, every: float, end: float)
             yield low + (high - low) * part / SUBTICKS, False
         yield high, True
         first = after
+
+
+def wear_stop(simulation: Simulation, number: int) -> float:
+    """Return where wear is taken from the plates for the so-manieth time: time [s], or sliding distance [m] of a run by distance;
+    infinite without such wear, and beyond the cycles that it counts."""
+    if (given := simulation.scene.plates.wear) is None:
+        return math.inf
+    schedule, settle, by_time = simulation.schedule, simulation.settle, simulation.scene.output.every_kind == "time"
+    if given.distance is not None:
+        return schedule.time_of(number * given.distance, settle) if by_time else number * given.distance
+    begin, until, period = schedule.closed_paths(settle)[0]
+    time = begin + number * (given.cycles or 1) * period
+    if time > until * EVEN:
+        return math.inf
+    return settle + time if by_time else schedule.path(settle, settle + time)
+
+
+def with_wear(simulation: Simulation, stops: Iterator[tuple[float, bool]]) -> Iterator[tuple[float, bool]]:
+    """Yield stops, and between them those at which wear is taken from the plates."""
+    number = 1
+    for x, write in stops:
+        while (stop := wear_stop(simulation, number)) <= x * EVEN:
+            if stop * EVEN < x:
+                yield stop, False
+            number += 1
+        yield x, write
 
 
 def _number_of_outputs(end: float, every: float) -> int:
@@ -190,8 +219,17 @@ class Settling:
         (time, distance, is_output), integrator = target, self.simulation.integrator
         for instant in self._instants(time):
             advance_to(instant, math.inf)
-        if is_output or integrator.divisible or time == self.simulation.settle:
+        if is_output or integrator.divisible or time == self.simulation.settle or self.wears(target):
             advance_to(time, distance)
+
+    def wears(self, target: tuple[float, float, bool]) -> bool:
+        """Return whether wear is due to be taken from the plates at a stop."""
+        simulation, wear = self.simulation, self.simulation.state.wear
+        if wear is None or not self.dragged:
+            return False
+        by_time = simulation.scene.output.every_kind == "time"
+        now = target[0] if by_time else min(target[1], simulation.planned_distance)
+        return now * EVEN >= wear_stop(simulation, int(wear.totals[0]) + 1)
 
     def _instants(self, until: float) -> Iterator[float]:
         """Yield the instants up to `until` [s] at which the scene is judged."""

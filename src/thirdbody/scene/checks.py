@@ -185,8 +185,15 @@ def faults_between(plates: Plates, domain: Domain, solver: Solver, output: Outpu
         if not domain.periodic:
             faults.append((location, "a surface repeats with the domain: domain.periodic must be true"))
         faults += [((*location, *where), text) for where, text in faults_in_domain(surface, domain.size)]
-    if rough and solver.initial_overlap == "relax":
-        text = f"'relax' pushes bodies apart between flat plates only, and plates.{next(iter(rough))}.surface is rough; "
+    if plates.wear is not None:
+        if "wear" not in measures.named or measures.cell is None:
+            faults.append((("plates", "wear"), "takes what measures.wear has mapped: add it, and measures.cell"))
+        if not domain.periodic:
+            faults.append((("plates", "wear"), "worn surfaces repeat with the domain: domain.periodic must be true"))
+        if not plates.moving():
+            faults.append((("plates", "wear"), "needs an upper plate that moves: add plates.upper.motion"))
+    if (rough or plates.wear) and solver.initial_overlap == "relax":
+        text = f"'relax' pushes bodies apart between flat plates only, and plates.{next(iter(rough), 'wear')} has heights; "
         faults.append((("solver", "initial_overlap"), text + 'give positions without overlap, or placement = "layer"'))
     # runs for a duration have no length before they are assembled
     if output.every_kind == "distance" and solver.distance is not None and too_long(output.every, solver.distance):

@@ -9,6 +9,7 @@ from thirdbody.scene.solid import Solid
 from thirdbody.scene.surfaces import Surface
 from thirdbody.schema.fields import (
     THREE,
+    Count,
     Flag,
     Force,
     Fraction,
@@ -178,18 +179,38 @@ class DirectContact(Part):
         return [((given[0],), f"needs {other} too, or neither, to estimate both from the surfaces")] if len(given) == 1 else []
 
 
+class PlateWear(Part):
+    """Wear that changes the surfaces of both plates: from time to time the depth that `measures.wear` has mapped since the last
+    time is taken from their heights. A plate without `surface` gets one of zero height.
+    """
+
+    cycles: Count | None = None
+    """Number of cycles of the motion after which depth is taken; give it or `distance`. Example: 1."""
+    distance: PositiveLength | None = None
+    """Sliding distance after which depth is taken. Example: "50 um"."""
+    times: PositiveNumber = 1.0
+    """Factor of the depth: 1000 lets each cycle wear as much as a thousand. Example: 1000."""
+
+    @classmethod
+    def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
+        return one_of(raw, ("cycles", "distance"))
+
+
 class Plates(Part):
-    """None, the lower plate, or both, and their direct contact."""
+    """None, the lower plate, or both, their direct contact, and wear that changes them."""
 
     lower: LowerPlate | None = None
     upper: UpperPlate | None = None
     contact: DirectContact | None = None
+    wear: PlateWear | None = None
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
         alone = "upper" in raw and "lower" not in raw
         faults: list[Wrong] = [(("upper",), "an upper plate needs a lower one: add [plates.lower]")] if alone else []
         upper = raw.get("upper")
+        if raw.get("wear") is not None and upper is None:
+            faults.append((("wear",), "counts cycles or sliding of an upper plate: add [plates.upper]"))
         if raw.get("contact") is None:
             return faults
         if upper is None:

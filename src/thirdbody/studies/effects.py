@@ -135,6 +135,8 @@ def candidates(scene: Scene, built: Simulation, plugins: Sequence[str | Path], l
         maps = [amount.map for other in measures.named if other != name for amount in known.measures[other].amounts]
         if name in measures.named and measures.cell is not None and not any(maps):
             changes["measures.cell"] = None  # the cells of the maps, where no other measure has one
+        if name == "wear" and scene.plates.wear is not None:
+            changes["plates.wear"] = None  # takes what it has mapped
         if name in on:
             result.append(Trial(name, "switched off", changes, True))
         elif lacking := [key for key in needed if any(getattr(m, key) is None for m in built.choice.materials)]:

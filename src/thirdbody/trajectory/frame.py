@@ -20,7 +20,7 @@ from thirdbody.trajectory.accommodation import accommodation, has_accommodation,
 from thirdbody.trajectory.bed_measures import BedMeasures
 from thirdbody.trajectory.blocks import Storage
 from thirdbody.trajectory.contacts import FrameContacts
-from thirdbody.trajectory.names import Frame
+from thirdbody.trajectory.names import SURFACE_WEAR, Frame
 from thirdbody.trajectory.profiles import Profiler
 from thirdbody.trajectory.read_blocks import LOCAL_CENTER
 from thirdbody.trajectory.sampling import IntervalMeans, Sample
@@ -106,7 +106,11 @@ class FrameMaker:
         if self.profiler is not None:  # over the interval, of this instant where nothing is sampled between the frames
             mean = self.interval_means.get("profiles")
             profiles = self.profiler.profiles(self.profiler(s) if mean is None else mean, s)
-        return Frame(s.time, self._spheres(clumps), clumps, contacts, self._plates(), series, profiles, map_densities(s))
+        return Frame(s.time, self._spheres(clumps), clumps, contacts, self._plates(), series, profiles, self._maps())
+
+    def _maps(self) -> dict[str, np.ndarray]:
+        maps = map_densities(self.state)
+        return maps | {SURFACE_WEAR: self.state.wear.depth} if self.state.wear else maps
 
     def _spheres(self, clumps: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         if not self.selection.has("spheres"):
@@ -235,6 +239,8 @@ class FrameMaker:
         if has_accommodation(s, self.drag):
             mean = self.interval_means.get("accommodation")
             series |= parts_of(accommodation(self.drag, s, contacts) if mean is None else mean)
+        if s.wear:
+            series |= s.wear.series()
         if self.scene_time is not None:
             series["scene_time"] = self.scene_time(s.time)
         if states is not None and self.labeller is not None:

@@ -26,6 +26,9 @@ domain's size over their number. `/surfaces/lower`, `/surfaces/upper` are writte
 """
 PLATES = ("lower", "upper")
 
+SURFACE_WEAR = "surface_wear"
+"""Name of the map of the depth [m] that wear has taken from the surfaces of the plates so far (`plates.wear`)."""
+
 POSITION = "position"
 """Name of the coordinates in arrays that are read; VTK calls them `Points`."""
 
@@ -64,6 +67,15 @@ SERIES = {
     "ejected": Name("1", "Number of bodies that are `out` (`out_after`); only with a pressure profile."),
     "inside": Name("1", "Number of bodies in the contact of the first bodies; only with a pressure profile."),
     "load_share_debris": Name("1", "Part of the load that debris carries; NaN without load; only with `plates.contact`."),
+    "worn_volume_lower": Name("m3", "Volume taken from the surface of the lower plate since the start; only with `plates.wear`."),
+    "worn_volume_upper": Name("m3", "The same of the upper plate."),
+    "rms_height_lower": Name("m", "Root mean square of its heights as they are now; only with `plates.wear`."),
+    "rms_height_upper": Name("m", "The same of the upper plate."),
+    "rms_slope_lower": Name("1", "Root mean square of its slope as it is now; only with `plates.wear`."),
+    "rms_slope_upper": Name("1", "The same of the upper plate."),
+    "contact_half_width": Name(
+        "m", "Half width of the contact with an edge; only with it and `plates.wear`, where a ball wears."
+    ),
     "accommodation_upper_slip": Name("m/s", "Part of the upper plate's speed taken up by slip at its contacts."),
     "accommodation_lower_slip": Name("m/s", "Part taken up by slip at the lower plate."),
     "accommodation_rolling": Name("m/s", "Part taken up by rotation of the bodies at the plates."),
@@ -98,6 +110,7 @@ SERIES = {
     "energy_friction": Name("J", "Dissipated by slip since the start."),
     "energy_adhesion": Name("J", "Lost as necks form and break since the start; only with `effects.adhesion` and necks."),
     "energy_plastic": Name("J", "Plastic dissipation since the start; only with a plastic law (`effects.elastic_plastic`)."),
+    "energy_wear": Name("J", "Elastic energy of contacts that went with the worn depth; only with `plates.wear`."),
     "energy_plate_work": Name("J", "Work of the plates since the start."),
     "energy_body_effects": Name("J", "Work of body effects since the start; only with such effects."),
     "energy_numerical": Name("J", "Lost by the implicit integrator itself since the start; 0 in explicit runs."),

@@ -18,7 +18,8 @@ import numpy as np
 
 from thirdbody.errors import InputError
 from thirdbody.surfaces.surface import Surface
-from thirdbody.trajectory.names import BLOCKS, MAPS, PLATES, POSITION, PROFILE_GROUP, SUMMARY_TEXT
+from thirdbody.surfaces.wear import worn_surfaces
+from thirdbody.trajectory.names import BLOCKS, MAPS, PLATES, POSITION, PROFILE_GROUP, SUMMARY_TEXT, SURFACE_WEAR
 from thirdbody.trajectory.open_file import FILE_NAME, OpenFile, damage_as_fault, read_text, refuse_false_texts, refuse_unsound
 from thirdbody.trajectory.read_blocks import BlockReader, Named, RebuiltSpheres, read_maps, read_surfaces, refuse_other_plates
 
@@ -237,15 +238,32 @@ class RunArrays(OpenFile):
 
     @cached_property
     def surfaces(self) -> dict[str, Surface]:
-        """Surfaces of the rough plates, by `lower` and `upper`; none of flat plates."""
+        """Surfaces of the rough plates at the start, by `lower` and `upper`; none of flat plates."""
         return self._steady("the surfaces", lambda: read_surfaces(self.file))
 
-    def surface(self, plate: str) -> Surface | None:
+    def surfaces_at(self, frame: int = -1) -> dict[str, Surface]:
+        """Return `surfaces` as they are in a frame: less what wear has taken from them until then (`plates.wear`).
+
+        Parameters
+        ----------
+        frame : int, negative ones count from the end
+
+        Returns
+        -------
+        dict of str to Surface
+        """
+        if SURFACE_WEAR not in self.map_units:
+            return self.surfaces
+        return worn_surfaces(self.surfaces, np.stack([self.maps(plate, frame)[SURFACE_WEAR] for plate in PLATES]))
+
+    def surface(self, plate: str, frame: int = -1) -> Surface | None:
         """Return the surface of a plate.
 
         Parameters
         ----------
         plate : {lower, upper}
+        frame : int, negative ones count from the end
+            Matters where wear changes the surface (`plates.wear`).
 
         Returns
         -------
@@ -254,7 +272,7 @@ class RunArrays(OpenFile):
             spline; None for a flat plate.
         """
         refuse_other_plates(plate)
-        return self.surfaces.get(plate)
+        return self.surfaces_at(frame).get(plate) if self.frames else self.surfaces.get(plate)
 
     def surface_position(self, plate: str, frame: int = -1) -> np.ndarray:
         """Return the displacement of a plate's surface along x and y, and the height of its mean plane, (3,) [m]."""
