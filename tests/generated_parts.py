@@ -100,17 +100,17 @@ def sweep_results() -> str:
     from thirdbody.studies.results import DEFAULT, RESULTS, result
 
     states = {f"{name}STATE": result(f"{name}STATE") for name in ("fraction_", "fraction_ever_")}
-    series: dict[tuple[str, bool], list[str]] = {}  # those of energies apart: all in one list are too many
+    means: list[str] = []
     items = []
     for name, entry in sorted((RESULTS | states).items()):
         if name in SERIES and entry.meaning.endswith(SERIES[name].meaning):
-            series.setdefault((entry.meaning.partition(":")[0], name.startswith("energy_")), []).append(name)
+            means += [] if entry.meaning.startswith("Last frame") else [name]
             continue
         usual = {"fraction_STATE": "default", "fraction_ever_STATE": "default of rolling"}
         default = usual.get(name, "default" if name in DEFAULT else "")
         items.append(_item([name], ["" if entry.unit == "1" else entry.unit, default], entry.meaning))
-    of_series = [_item(names, [], f"{what} of the [series](scene/README.md#series)") for (what, _), names in series.items()]
-    return "\n".join([*items, *of_series])
+    means_of = _item(means, [], "Mean over the steady part of the [series](scene/README.md#series)")
+    return "\n".join([*items, means_of, "- any other series of a single value: Its last frame."])
 
 
 def run_names() -> str:

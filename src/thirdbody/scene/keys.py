@@ -112,10 +112,10 @@ def allowed(schema: Schema) -> tuple[str, str]:
 
 
 def _range(schema: Schema) -> str:
-    """Return the limits of a number: " >= 0.1, <= 1"; ", only 1" for a single one."""
+    """Return the limits of a number: " >=0.1, <=1"; ", only 1" for a single one."""
     if schema.get("minimum", "none") == schema.get("maximum"):
         return f", only {schema['minimum']:g}"
-    return ",".join(f" {sign} {schema[key]:g}" for key, sign in _LIMITS.items() if key in schema)
+    return ",".join(f" {sign}{schema[key]:g}" for key, sign in _LIMITS.items() if key in schema)
 
 
 def toml(value: Any) -> str:

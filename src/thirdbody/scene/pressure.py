@@ -75,11 +75,10 @@ class PressureMap(WithEdge):
     """A pressure map from a CSV file, bilinear between the nodes of a regular grid, zero outside."""
 
     profile: Literal["table"]
-    """Pressure profile: a map from a file, bilinear between the nodes of a regular grid, zero outside. Example: "table"."""
+    """Map from a file, bilinear between the nodes of a regular grid, zero outside. Example: "table"."""
     table: Text
     """CSV file with the header `x (um), y (um), pressure (MPa)`, and `, gap (um)` where the upper body is not flat outside the
-    contact; beyond the map the gap is that at its border. Positions count from the middle of the contact. Its width is that along
-    x of the nodes with more than a hundredth of the largest pressure. Example: "map.csv"."""
+    contact; beyond the map the gap is that at its border. Positions count from the middle of the contact. Example: "map.csv"."""
     load: PositiveForce | None = None
     """Load on the upper body, to which the pressure is scaled; by default the integral of the map. Example: "2 N"."""
 

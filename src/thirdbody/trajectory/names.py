@@ -67,12 +67,12 @@ SERIES = {
     "ejected": Name("1", "Number of bodies that are `out` (`out_after`); only with a pressure profile."),
     "inside": Name("1", "Number of bodies in the contact of the first bodies; only with a pressure profile."),
     "load_share_debris": Name("1", "Part of the load that debris carries; NaN without load; only with `plates.contact`."),
-    "worn_volume_lower": Name("m3", "Volume taken from the surface of the lower plate since the start; only with `plates.wear`."),
-    "worn_volume_upper": Name("m3", "The same of the upper plate."),
-    "rms_height_lower": Name("m", "Root mean square of its heights as they are now; only with `plates.wear`."),
-    "rms_height_upper": Name("m", "The same of the upper plate."),
-    "rms_slope_lower": Name("1", "Root mean square of its slope as it is now; only with `plates.wear`."),
-    "rms_slope_upper": Name("1", "The same of the upper plate."),
+    "worn_volume_lower": Name("m3", "Volume taken from the surface of this plate so far; only with `plates.wear`."),
+    "worn_volume_upper": Name("m3", "Volume taken from the surface of this plate so far; only with `plates.wear`."),
+    "rms_height_lower": Name("m", "Root mean square of the heights of this plate now; only with `plates.wear`."),
+    "rms_height_upper": Name("m", "Root mean square of the heights of this plate now; only with `plates.wear`."),
+    "rms_slope_lower": Name("1", "Root mean square of the slopes of this plate now; only with `plates.wear`."),
+    "rms_slope_upper": Name("1", "Root mean square of the slopes of this plate now; only with `plates.wear`."),
     "contact_half_width": Name(
         "m", "Half width of the contact with an edge; only with it and `plates.wear`, where a ball wears."
     ),
