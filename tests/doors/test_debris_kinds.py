@@ -72,7 +72,7 @@ def test_its_faults_are_reported_as_those_of_built_in_kinds_and_it_is_listed_wit
     sources = {entry["kind"]: entry["from"] for entry in kinds}
     assert sources["dumbbell"] == str(dumbbell) and sources["spheroid"] == "thirdbody" and len(sources) == len(built_in()) + 1
     keys = {line.split()[0]: line for line in command("shapes", "--list", "dumbbell", "--plugin", dumbbell).out.splitlines()}
-    assert "number > 0, <= 2" in keys["spacing"] and keys["radius"].split()[-1] == "required"
+    assert "number >0, <=2" in keys["spacing"] and keys["radius"].split()[-1] == "required"
     wrong = command("shapes", "--list", "dumbell", "--plugin", dumbbell)
     assert wrong.code == 2 and "did you mean 'dumbbell'?" in wrong.err
     found = json.loads(command("shapes", "--list", "spheroid", "--json").out)["kinds"]

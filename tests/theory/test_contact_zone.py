@@ -282,7 +282,7 @@ def test_a_worn_ball_presses_on_its_scar(make, integrator, wide):
     simulation = make.build(make.scene(debris, {"ball": make.STEEL}, friction=0.3, restitution=0.5, **tables))
     state, wear = simulation.state, simulation.state.wear
     simulation.integrator.advance_to(time=2e-6)
-    P, a = state.P[state.patch], hertz_contact(profile, SIZE, MODULUS)[0]
+    P, a = state.P[state.patch], hertz_contact(profile, load, SIZE, MODULUS)[0]
     scar, distance = wide * a, np.hypot(*places[state.order].T)
     nominal, gaps, before = P[0, patch.NOMINAL_LOAD], state.world.zone.gaps, P[:, patch.LOAD].copy()
     state.maps[wear.map, 1] += math.pi * scar**4 / 4.0 / state.maps[wear.map, 1].size

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 import thirdbody
 from thirdbody.errors import InputError
 from thirdbody.kernels.table import Rows
-from thirdbody.kernels.tables import DEBRIS, LOWER, ONLY_LOWER, UPPER, body, contact_state, patch, record, sphere
+from thirdbody.kernels.tables import DEBRIS, LOWER, ONLY_LOWER, UPPER, body, contact_state, domain, patch, record, sphere
 from thirdbody.palette import STATE_COLORS
 from thirdbody.plot.summary_page import PANELS
 from thirdbody.scene.model import Scene
@@ -83,7 +83,9 @@ def state_of(position, velocity=None, spin=None, contacts=(), offsets=((0.0, 0.0
         partner=np.array(partners, int), sides=np.array(sides, int), R=table, count=len(contacts),
     )  # fmt: skip
     world = SimpleNamespace(upper=SimpleNamespace(heights=np.zeros(1)), size=(L, W), periodic=True)
-    return SimpleNamespace(side=np.zeros(n * each, np.int8),
+    D = np.zeros(domain.WIDTH)
+    D[domain.LENGTH_X], D[domain.LENGTH_Y] = L, W
+    return SimpleNamespace(side=np.zeros(n * each, np.int8), D=D,
         bodies=Rows((B, body)), spheres=Rows((S, sphere)), P=P, slots=slots, world=world, n_bodies=n,
         body=np.repeat(np.arange(n), each), rayleigh_radius=np.full(n, np.cbrt(3.0 * volume / (4.0 * math.pi))),
     )  # fmt: skip

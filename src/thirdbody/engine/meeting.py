@@ -20,7 +20,7 @@ from thirdbody.jit.threads import allowed_threads
 from thirdbody.kernels.implicit.accept_step import ROUNDED
 from thirdbody.kernels.implicit.control import BodyStop
 from thirdbody.kernels.step_tables import sphere_path, step_memory
-from thirdbody.kernels.tables import EVERYTHING, domain, run_totals, sphere
+from thirdbody.kernels.tables import EVERYTHING, domain, patch, run_totals, sphere
 
 REST, LATER = 200.0, 0.25
 """Largest time between two searches while the plates do not move: in Rayleigh times, or as a part of the time so far."""
@@ -89,8 +89,13 @@ class Meeting:
     def _going(self) -> np.ndarray:
         return self.integrator.memory[:, step_memory.CODE] == BodyStop.NONE
 
+    @property
+    def _meeting(self) -> np.ndarray:
+        state = self.integrator.state
+        return self._going & (state.P[state.patch, patch.INSIDE] >= 0.0)  # bodies that left the domain meet no others
+
     def search(self) -> None:
-        one, state, going = self.integrator, self.integrator.state, self._going
+        one, state, going = self.integrator, self.integrator.state, self._meeting
         own, partner = search_pairs(state, MARGIN * one.stride)
         both = going[state.body[own]] & going[state.body[partner]]
         replace_pairs(state, own[both], partner[both])
@@ -126,7 +131,7 @@ class Meeting:
             )
 
     def _missed(self) -> tuple[Numbers, Numbers]:
-        state, going, n = self.integrator.state, self._going, self.integrator.state.slots.n_plates
+        state, going, n = self.integrator.state, self._meeting, self.integrator.state.slots.n_plates
         own, partner = may_have_touched(state, self._positions, self.integrator.paths)
         known = np.isin(self._keys(own, partner), self._keys(state.slots.own[n:], state.slots.partner[n:]))
         new = ~known & going[state.body[own]] & going[state.body[partner]]

@@ -32,7 +32,7 @@ class Ramp(Part):
     """Stiffness of the spring through which this motion pulls the plate; only in the first stage. Example: "1e6 N/m"."""
 
 
-class Pause(Part):
+class LoadPause(Part):
     """Rest for a time [s]."""
 
     pause: PositiveTime
@@ -57,7 +57,7 @@ class Stroke(Part):
     """Stiffness of the spring through which this motion pulls the plate; only in the first stage. Example: "1e6 N/m"."""
 
 
-class Table(Part):
+class LoadTable(Part):
     """Displacement from a CSV file with a header `time (unit), displacement (unit)`, linear in between."""
 
     table: Text
@@ -76,25 +76,25 @@ class Load(Part):
     """Duration of the change; without it sudden. Example: "1 us"."""
 
 
-class Rest(Pause):
-    """Rest of a motion for a time [s]."""
+class Pause(LoadPause):
+    """Rest for a time [s]."""
 
     through: Through = None
     """Stiffness of the spring through which this motion pulls the plate; only in the first stage. Example: "1e6 N/m"."""
 
 
-class Path(Table):
+class Table(LoadTable):
     """Displacement from a CSV file with a header `time (unit), displacement (unit)`, linear in between."""
 
     through: Through = None
     """Stiffness of the spring through which this motion pulls the plate; only in the first stage. Example: "1e6 N/m"."""
 
 
-Drive = Constant | Ramp | Rest | Stroke | Path
-LoadStage = Load | Pause | Table
+Drive = Constant | Ramp | Pause | Stroke | Table
+LoadStage = Load | LoadPause | LoadTable
 
-_DRIVES: dict[str, type[Part]] = {"velocity": Constant, "ramp": Ramp, "pause": Rest, "stroke": Stroke, "table": Path}
-_LOADS: dict[str, type[Part]] = {"load": Load, "pause": Pause, "table": Table}
+_DRIVES: dict[str, type[Part]] = {"velocity": Constant, "ramp": Ramp, "pause": Pause, "stroke": Stroke, "table": Table}
+_LOADS: dict[str, type[Part]] = {"load": Load, "pause": LoadPause, "table": LoadTable}
 
 
 def _endless(stage: Any) -> str | None:
