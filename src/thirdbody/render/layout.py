@@ -124,6 +124,7 @@ def draw_picture(canvas: Canvas, layout: Layout, data: PictureData) -> None:
     overlay = Overlay(canvas)
     areas = _viewports(layout, canvas.size, *draw_frame(overlay, data, data.legend, layout.full_scale), overlay.px(_SCALE_LABEL))
     view = Viewport(canvas, data, areas[0], (layout.low, layout.high), layout.view)
+    view.add_contact()
     if layout.close_up:
         view.add_outline(*layout.close_up)
     if not (layout.close_up and layout.view in ("side", "front")):  # a strip is too thin for tubes

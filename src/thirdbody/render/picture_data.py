@@ -71,6 +71,7 @@ class PictureData:
     surfaces: Mapping[str, PlateSurface] = field(default_factory=dict)
     touching: Touching | None = None
     quaternions: np.ndarray | None = None
+    outline: np.ndarray | None = None  # (n, 2) of the contact of the first bodies
 
     def bodies_inside(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Return the bodies (B,), bool, with centres in the window from `low` to `high` (x, y)."""
@@ -83,8 +84,11 @@ class PictureData:
     def plate_height_over(self, low: np.ndarray, high: np.ndarray) -> float:
         """Return the height at which the upper plate is drawn over a window [m].
 
-        Where each body carries a separate patch the plate's height is their mean: it is drawn over the highest body.
+        Where each body carries a separate patch the plate's height is their mean: it is drawn over the highest body, but for a
+        contact with an edge, which bodies outside may exceed.
         """
+        if self.outline is not None:
+            return self.plate
         chosen = self.inside(low, high)
         tops = self.centers[chosen] + self.radii[chosen, None] * [0.0, 0.0, 1.0]
         return max(self.plate, float(self.plate_height_at(tops).max(initial=-np.inf)))
@@ -93,6 +97,10 @@ class PictureData:
         """Return the heights of the upper plate's plane (n,) [m] at which its surface passes through points (n, 3)."""
         upper = self.surfaces.get("upper")
         return np.asarray(points[:, 2] + (upper.heights(points[:, 0], points[:, 1]) if upper else 0.0))
+
+
+FAR = 1e30
+"""Period of an open axis [m]: no image of a body is near."""
 
 
 def read_picture_data(run: RunFile, frame: int, color: str, forces: bool = False, scale: Legend = FREE_SCALE) -> PictureData:
@@ -108,13 +116,15 @@ def read_picture_data(run: RunFile, frame: int, color: str, forces: bool = False
     period = _period(run)
     shift = np.zeros_like(bodies["position"])  # wraps each body's centre into a periodic domain; bodies stay whole
     if period is not None:
-        shift[:, :2] = np.floor(bodies["position"][:, :2] / period) * period
+        shift[:, :2] = np.where(period < FAR, np.floor(bodies["position"][:, :2] / period) * period, 0.0)
     colors, legend, tube_colors = compute_coloring(run, frame, color, bodies, spheres, row, scale)
     surfaces, touching = read_plate_surfaces(run, frame), None
     if surfaces:
         ends = (f"{side} plate {with_unit(one.low, 'm')} to {with_unit(one.high, 'm')}" for side, one in surfaces.items())
         captions = legend.caption, f"heights, dark to light: {', '.join(ends)}"
         legend = replace(legend, caption="; ".join(filter(None, captions)))
+    if "contact_outline" in run.header:
+        legend = replace(legend, caption="; ".join(filter(None, (legend.caption, "red outline: contact of the first bodies"))))
     if "lower" in surfaces:
         smallest = SMALLEST_CONTACT * float(np.mean(spheres["radius"])) if len(row) else 0.0
         touching = read_touching(run, frame, bodies, shift, surfaces["lower"], smallest)
@@ -140,7 +150,17 @@ def read_picture_data(run: RunFile, frame: int, color: str, forces: bool = False
         surfaces=surfaces,
         touching=touching,
         quaternions=bodies.get("quaternion"),
+        outline=_contact_outline(run, plates),
     )
+
+
+def _contact_outline(run: RunFile, plates: np.ndarray) -> np.ndarray | None:
+    given = run.header.get("contact_outline")
+    if given is None or len(plates) < 8:
+        return None
+    angle = np.linspace(0.0, 2.0 * np.pi, 73) if given["circle"] else np.arange(0.25, 2.5, 0.5) * np.pi
+    corner = np.column_stack((np.cos(angle), np.sin(angle))) * (1.0 if given["circle"] else np.sqrt(2.0))
+    return np.array(given["centre"]) + (plates[4] - plates[0])[:2] + corner * np.array(given["half_widths"])
 
 
 def refuse_lost(run: RunFile, frame: int, bodies: Arrays, spheres: Arrays) -> None:
@@ -174,8 +194,9 @@ def _domain(run: RunFile) -> np.ndarray | None:
 
 
 def _period(run: RunFile) -> np.ndarray | None:
-    # size (2,) of a periodic domain [m], None without
-    return _domain(run) if run.header.get("domain", {}).get("periodic", True) else None
+    # size (2,) of a periodic domain [m], FAR along an open axis, None without
+    size, periodic = _domain(run), np.broadcast_to(run.header.get("domain", {}).get("periodic", True), 2)
+    return None if size is None or not periodic.any() else np.where(periodic, size, FAR)
 
 
 def _bounds(run: RunFile, bodies: Arrays, spheres: Arrays, plates: np.ndarray) -> Window:
@@ -188,7 +209,7 @@ def _bounds(run: RunFile, bodies: Arrays, spheres: Arrays, plates: np.ndarray) -
         low[:2], high[:2] = 0.0, size
     elif len(plates):
         low[:2], high[:2] = plates[:4, :2].min(axis=0), plates[:4, :2].max(axis=0)
-    if _period(run) is None and len(radius):
+    if _period(run) is None and len(radius) and "contact_outline" not in run.header:
         # Bodies that left the plates are shown too.
         low[:2] = np.minimum(low[:2], bodies["position"][:, :2].min(axis=0))
         high[:2] = np.maximum(high[:2], bodies["position"][:, :2].max(axis=0))

@@ -221,6 +221,15 @@ class Viewport:
         corners = np.array([(a, b), (c, b), (c, d), (a, d), (a, b)])
         self._add_line(np.insert(corners, 2, self._ceiling + self._thickness, axis=1), 2.6)
 
+    def add_contact(self) -> None:
+        """Draw the outline of the contact of the first bodies, on the lower plate, as far as it is in the window."""
+        if self._data.outline is None:
+            return
+        points = self.scaled(np.insert(self._data.outline, 2, 0.0, axis=1))
+        points[:, :2] = np.clip(points[:, :2], self._low[:2], self._high[:2])
+        points[:, 2] = float(self.scaled(self._data.low)[2]) + 0.06
+        self._add_line(points, 3.2, ARROW)
+
     def _add_line(self, points: np.ndarray, width: float, color: str = INK) -> None:
         self._outer.add(pyvista.MultipleLines(points), color=color, lighting=False, line_width=width * self._line_unit)
 

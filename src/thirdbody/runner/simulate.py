@@ -21,6 +21,8 @@ from thirdbody.errors import GuardStop, Interrupted, OutputError, ThirdbodyWarni
 from thirdbody.export.paraview import write_paraview_files
 from thirdbody.jit.cache import paused
 from thirdbody.jit.threads import allow_threads, max_threads
+from thirdbody.kernels.contact_zone import BALL, UNIFORM, WORN_BALL
+from thirdbody.kernels.tables import zone
 from thirdbody.laws.registry import discover
 from thirdbody.runner.checkpoint import Checkpoint
 from thirdbody.runner.measurements import measured_summary
@@ -229,7 +231,10 @@ def run_header(simulation: Simulation) -> dict[str, Any]:
         "reason_names": list(labeller.reasons) if labeller else ["none"],
         "units": units,
         "meanings": meanings,
-        "domain": {"size": list(scene.domain.size), "periodic": scene.domain.periodic and scene.domain.ends == "closed"},
+        "domain": {
+            "size": list(scene.domain.size),
+            "periodic": scene.domain.periodic if scene.domain.ends != "open_x" else [False, True],
+        },
         "materials": list(scene.materials),
         "populations": scene.population_names,
         "laws": [{"name": law.name, "stage": law.stage, "source": law.source} for law in simulation.choice.chain.laws],
@@ -244,6 +249,7 @@ def run_header(simulation: Simulation) -> dict[str, Any]:
         "warnings": simulation.warnings,
         **({} if simulation.schedule.straight else {"closed_paths": simulation.schedule.closed_paths(simulation.settle)}),
         **({} if profiles is None else {"profiles": {"bins": profiles.bins, "axis": profiles.axis}}),
+        **contact_outline(simulation),
         "versions": {
             "thirdbody": __version__,
             "numba": numba.__version__,
@@ -252,6 +258,17 @@ def run_header(simulation: Simulation) -> dict[str, Any]:
             "python": platform.python_version(),
         },
     }
+
+
+def contact_outline(simulation: Simulation) -> dict[str, Any]:
+    """Return the outline of a contact with an edge at the start; empty without."""
+    contact, size = simulation.state.world.zone, simulation.scene.domain.size
+    if contact is None or contact.row[zone.KIND] == UNIFORM:
+        return {}
+    circle = bool(contact.row[zone.KIND] in (BALL, WORN_BALL))
+    widths = [float(a) or 0.5 * length for a, length in zip(contact.row[zone.HALF_WIDTH2], size, strict=True)]
+    half = [contact.half_width, contact.half_width] if circle else widths
+    return {"contact_outline": {"circle": circle, "half_widths": half, "centre": contact.row[zone.CENTRE2].tolist()}}
 
 
 def debris_contact(simulation: Simulation) -> str:
