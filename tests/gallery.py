@@ -48,6 +48,8 @@ ENTRIES = {
     "fretting_rig": Entry("plot RUN -o PICTURE --panel loop", "--set debris.0.count=200"),
     "wear_map": Entry(f"{RENDER} --plate lower --color wear_depth --cycles 1000 --height 500"),
     "worn_by_debris": Entry(f"{RENDER} --plate lower --color surface_wear --height 500"),
+    "punch_on_flat": Entry(RENDER, '--set solver.duration="0.6 s"'),
+    "ball_on_flat": Entry(RENDER, '--set solver.duration="3 s"'),
     "rough_plates": Entry(),
     "sticky_submicron": Entry(f"{RENDER} --color agglomerate --view side"),
     "dense_layer": Entry(f"{RENDER} --forces --view side"),
@@ -58,6 +60,7 @@ ENTRIES = {
     "sweeps/angular_debris": Entry(),
     "sweeps/rolling_against_friction": Entry("plot SWEEP -o PICTURE --panel friction_coefficient --panel fraction_rolling"),
     "sweeps/friction_against_pressure": Entry("python tests/load_sharing.py SWEEP -o PICTURE"),
+    "sweeps/debris_against_stroke": Entry("plot SWEEP -o PICTURE --panel load_share_debris --panel inside"),
     "sweeps/sphere_bed": Entry(f"{RENDER} --color speed --view side"),
     "sweeps/mu_of_inertia": Entry("python tests/bed_rheology.py SWEEP -o PICTURE"),
 }  # scenes in the order of the page
@@ -134,6 +137,9 @@ def sweep_results(folder: Path) -> dict[str, Any]:
         texts |= bed_rheology.texts(bed_rheology.read_sweep(folder))
     elif folder.name == "friction_against_pressure":
         texts |= load_sharing.texts(load_sharing.read_sweep(folder))
+    elif folder.name == "debris_against_stroke":
+        for stroke, part in table.groupby("plates.upper.motion.x.stroke")["load_share_debris"].mean().items():
+            texts[f"share of the load on debris at {quantity_text(stroke, 'm')}"] = percent(part)
     else:
         for mu, row in table.groupby("pairs.0.friction")["fraction_rolling"].agg(["mean", "sem"]).iterrows():
             texts[f"rolling at friction {mu:g}"] = f"{100.0 * row['mean']:.0f} ± {100.0 * row['sem']:.1f} %"
