@@ -15,8 +15,8 @@ def zone_row(kind, half, radius=0.0, edge=0.0):
     return row
 
 
-def rig(make, places, profile, motion=None, friction=0.3, plates=0.1, shift=0.0, **keys):
-    """Balls at places (n, 2) from the middle of the contact [m]."""
+def rig(make, places, profile, motion=None, friction=0.3, plates=0.1, shift=0.0, gravity=None, **keys):
+    """Balls at places (n, 2) from the middle of the contact [m]; `gravity` downwards [m/s2]."""
     middle = 0.5 * SIZE + shift
     debris = [make.ball(MICRO, (middle + x, middle + y, MICRO)) for x, y in places]
     upper = model.UpperPlate(material="ball", support="load_per_particle", pressure=profile, motion=motion or model.Motion())
@@ -25,5 +25,6 @@ def rig(make, places, profile, motion=None, friction=0.3, plates=0.1, shift=0.0,
         "contact": model.Contact(level="mindlin", debris_contact="none"),
         "solver": model.Solver(**({"duration": 1.0} | keys)),
         "domain": model.Domain(size=(2.0 * middle, 2.0 * middle), periodic=False),
+        "effects": model.Effects(gravity=gravity and (0.0, 0.0, -gravity)),
     }
     return make.build(make.scene(debris, {"ball": make.STEEL}, friction=friction, restitution=0.5, **tables))

@@ -8,8 +8,10 @@ from edge_rig import SIZE, rig
 from steel import STEEL
 from trajectories import whole_and_resumed
 import thirdbody
+from thirdbody.engine.guards import Ledger
 from thirdbody.engine.measures import ejected, exits
-from thirdbody.kernels.tables import patch
+from thirdbody.kernels.step_tables import step_memory
+from thirdbody.kernels.tables import patch, run_totals
 from thirdbody.scene import model
 from thirdbody.scene.pressure import Punch
 
@@ -104,6 +106,27 @@ def test_a_body_outside_for_a_part_of_each_stroke_is_never_out(make):
     assert inside[:, 1].tolist() == [0.0, 0.0, 0.0, 1.0] * 3 and inside[:, 0].all()
     assert not gone[:, :2].any() and gone[:, 2].tolist() == [False] * 3 + [True] * 9
     assert np.isnan(exits(simulation.state, simulation.state.world.zone)).all()
+
+
+def test_a_body_that_lies_outside_is_loaded_again(make):
+    """Frictionless, so at rest. The second lies outside on half of each stroke; inside it carries the pressure of its position,
+    and the energy balance closes."""
+    motion = model.Motion(x=[model.Stroke(stroke=40 * UM, frequency=5.0)])
+    profile = Punch(profile="punch", width=(60 * UM, SIZE), edge=4 * UM, load=2e-4)
+    simulation = rig(make, [(0.0, 0.0), (50 * UM, 0.0)], profile, motion, friction=0.0, gravity=9.81, integrator="implicit")
+    state, ledger = simulation.state, Ledger(simulation.state)
+    body, tried = int(np.argmax(state.bodies.position[:, 0])), []
+    for quarter in (1, 2, 3, 4, 5, 6, 7, 8, 8.4):
+        simulation.integrator.advance_to(time=simulation.settle + quarter / 20.0)
+        ledger.watch(state)
+        tried.append(simulation.integrator.memory[body, step_memory.TRIES])
+        loaded = quarter % 4 == 2  # the edge, at 32 um, is at 72 um; at 52 um in between, where the body is on its ramp
+        carried = simulation.integrator.totals[body, run_totals.UPPER_FORCE + 2]
+        if quarter % 2 == 0:
+            assert carried == pytest.approx(state.P[body, patch.NOMINAL_LOAD] * loaded, rel=1e-6, abs=1e-12)
+    assert state.bodies.position[body, 0] == pytest.approx(0.5 * SIZE + 50 * UM)
+    assert tried[8] == tried[7] > 1000  # what leaves is solved, what lies still is not
+    assert ledger.relative_residual(state, ledger.lines(state)["residual"]) < 1e-6
 
 
 @integrators
