@@ -26,8 +26,8 @@ OTHERS = {
     },
 }  # fmt: skip
 # Scenes with tests of their own.
-ELSEWHERE = {"angular_bed", "fretting", "fretting_rig", "grooves", "million", "rough_plates", "sticky_submicron", "wear_map",
-             "worn_by_debris", "yielding_debris"}  # fmt: skip
+ELSEWHERE = {"angular_bed", "ball_on_flat", "fretting", "fretting_rig", "grooves", "million", "punch_on_flat", "rough_plates",
+             "sticky_submicron", "wear_map", "worn_by_debris", "yielding_debris"}  # fmt: skip
 
 
 @pytest.fixture(scope="module")

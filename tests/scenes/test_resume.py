@@ -67,6 +67,10 @@ CASES = {
     "pivoting implicit": ("sheared_debris", ALONE | SMALL | LONG | {"effects.pivoting": {}}),
     "close_spots": ("sheared_debris", MANY | SHORT | {"effects.close_spots": {}}),
     "close_spots implicit": ("sheared_debris", ALONE | MANY | LONG | {"effects.close_spots": {}}),
+    "punch_on_flat": ("punch_on_flat", {
+        "debris.0.count": "24", "domain.size": ["100 um", "20 um"], "plates.upper.pressure.width": ["60 um", "20 um"],
+        "plates.upper.pressure.load": "4 mN", "solver.duration": "60 ms", "output.every": "10 ms",
+    }),
     "worn_by_debris": ("worn_by_debris", {"debris.0.count": "6", "solver.duration": "0.7 s"}),
     "fretting_rig": ("fretting_rig", MANY | {"solver.duration": "2 ms", "output.every": "1 ms"}),
 }  # fmt: skip

@@ -34,6 +34,11 @@ SHORT = {
     },
     "million.toml": {"debris.0.count": "12", "domain.size": ["100 um", "75 um"], "solver.distance": "1.5 um"},
     "sticky_submicron.toml": {"debris.0.count": "40", "domain.size": ["1.2 um", "1 um"], "solver.distance": "0.1 um"},
+    "punch_on_flat.toml": {
+        "debris.0.count": "8", "domain.size": ["40 um", "20 um"], "plates.upper.pressure.width": ["24 um", "20 um"],
+        "plates.upper.pressure.load": "1.2 mN", "solver.duration": "20 ms",
+    },
+    "ball_on_flat.toml": {"debris.0.count": "8", "plates.upper.pressure.debris_fraction": "6e-6", "solver.duration": "0.1 s"},
     "worn_by_debris.toml": {"debris.0.count": "4", "solver.duration": "20 ms"},
     "wear_map.toml": {"debris.0.count": "4", "solver.duration": "20 ms"},
     "three_spot.toml": {"solver.distance": "20 nm"},
