@@ -140,6 +140,7 @@ def sweep_results(folder: Path) -> dict[str, Any]:
     elif folder.name == "debris_against_stroke":
         for stroke, part in table.groupby("plates.upper.motion.x.stroke")["load_share_debris"].mean().items():
             texts[f"share of the load on debris at {quantity_text(stroke, 'm')}"] = percent(part)
+        texts = {name.replace(GLUE, " "): text.replace(GLUE, " ") for name, text in texts.items()}
     else:
         for mu, row in table.groupby("pairs.0.friction")["fraction_rolling"].agg(["mean", "sem"]).iterrows():
             texts[f"rolling at friction {mu:g}"] = f"{100.0 * row['mean']:.0f} ± {100.0 * row['sem']:.1f} %"
