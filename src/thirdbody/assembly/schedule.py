@@ -11,7 +11,7 @@ from thirdbody.engine.upper_plate import Axis, Schedule, Segment, at_time, ends_
 from thirdbody.kernels.schedule import POLYNOMIAL, SINE, TRIANGLE
 from thirdbody.laws.memory import MEMORY
 from thirdbody.scene.model import Scene
-from thirdbody.scene.motion import Constant, Load, Pause, Ramp, Stroke
+from thirdbody.scene.motion import Constant, Load, LoadPause, Ramp, Stroke
 from thirdbody.scene.pressure import Profile
 
 ROUNDING = 1e-12
@@ -55,7 +55,7 @@ def _loading(scene: Scene, stages: tuple, start: float) -> Axis:
     load = first_load(scene)
     segments, t, factor = [Segment(0.0, POLYNOMIAL, 1.0)], start, 1.0
     for k, stage in enumerate(stages):
-        if isinstance(stage, Pause):
+        if isinstance(stage, LoadPause):
             rows = [(0.0, factor), (stage.pause, factor)]
         elif isinstance(stage, Load):
             rows = [(0.0, factor), (stage.duration or 0.0, stage.load / load)]
@@ -93,7 +93,7 @@ def _stage(scene: Scene, name: str, stage, t: float, x: float, v: float) -> tupl
         return [Segment(t, POLYNOMIAL, x, stage.velocity)], length, stage.velocity
     if isinstance(stage, Ramp):
         return [Segment(t, POLYNOMIAL, x, v, (stage.ramp - v) / stage.duration)], stage.duration, stage.ramp
-    if isinstance(stage, Pause):
+    if isinstance(stage, LoadPause):
         return [Segment(t, POLYNOMIAL, x)], stage.pause, 0.0
     if isinstance(stage, Stroke):
         length = math.inf if stage.cycles is None else stage.cycles / stage.frequency

@@ -181,7 +181,7 @@ def unrest(state: State, time: float, before: float) -> tuple[Unrest, float]:
     debris, direct = float(A[run_totals.UPPER_FORCE + 2]), float(A[run_totals.DIRECT_FORCE + 2])
     if state.world.zone is not None:  # direct contact carries what is left to it at any height
         load, direct = float(P[:, patch.LOAD] @ (P[:, patch.INSIDE] > 0.0)), 0.0
-    kinetic, *stored, shared = stored_energies(state)
+    kinetic, *stored, shared, _ = stored_energies(state)
     springs = max(sum(map(abs, stored)), TINY)  # that of adhesion is negative
     load, elastic, mass = max(abs(load), TINY), springs + shared, float(free @ P[:, patch.MASS])
     left = abs(debris + direct - load)
