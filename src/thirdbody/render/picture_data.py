@@ -119,12 +119,10 @@ def read_picture_data(run: RunFile, frame: int, color: str, forces: bool = False
         shift[:, :2] = np.where(period < FAR, np.floor(bodies["position"][:, :2] / period) * period, 0.0)
     colors, legend, tube_colors = compute_coloring(run, frame, color, bodies, spheres, row, scale)
     surfaces, touching = read_plate_surfaces(run, frame), None
-    if surfaces:
-        ends = (f"{side} plate {with_unit(one.low, 'm')} to {with_unit(one.high, 'm')}" for side, one in surfaces.items())
-        captions = legend.caption, f"heights, dark to light: {', '.join(ends)}"
-        legend = replace(legend, caption="; ".join(filter(None, captions)))
-    if "contact_outline" in run.header:
-        legend = replace(legend, caption="; ".join(filter(None, (legend.caption, "red outline: contact of the first bodies"))))
+    ends = (f"{side} plate {with_unit(one.low, 'm')} to {with_unit(one.high, 'm')}" for side, one in surfaces.items())
+    heights = f"heights, dark to light: {', '.join(ends)}" if surfaces else ""
+    outline = "red outline: contact of the first bodies" if "contact_outline" in run.header else ""
+    legend = replace(legend, caption="; ".join(filter(None, (legend.caption, heights, outline))))
     if "lower" in surfaces:
         smallest = SMALLEST_CONTACT * float(np.mean(spheres["radius"])) if len(row) else 0.0
         touching = read_touching(run, frame, bodies, shift, surfaces["lower"], smallest)

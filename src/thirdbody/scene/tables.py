@@ -110,7 +110,7 @@ class UpperPlate(Part):
     load: Annotated[float, Quantity(dimension="force", gt=0)] | None = None
     """Load on the plate, or on each patch ("load_per_particle"); give load, pressure or gap. Example: "0.1 mN"."""
     pressure: Pressure | None = None
-    """Pressure on the area of the domain; as a table, with "load_per_particle", that of a punch, a ball or a cylinder.
+    """Pressure on the area of the domain; as a table, with "load_per_particle", that of a punch, a ball, a cylinder or a map.
     Example: "2.5 MPa"."""
     gap: PositiveLength | None = None
     """Constant distance between the surfaces of the plates; with a foundation to the common plate. Example: "12 um"."""

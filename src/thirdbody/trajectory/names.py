@@ -46,7 +46,10 @@ SERIES = {
     "distance": Name("m", "Path of the upper plate after settling; with `through` that of the base."),
     "displacement": Name("m", "Displacement of the upper plate along its first direction of motion; NaN without motion."),
     "base_displacement": Name("m", "Displacement of the base, likewise; only with `through`."),
-    "gap": Name("m", "Distance between the surfaces of the plates: of the common plate, else the mean over the patches."),
+    "gap": Name(
+        "m",
+        "Distance between the surfaces of the plates: of the common plate, else the mean over the patches (inside a contact).",
+    ),
     "upper_force": Name("N", "Force of the debris on this plate (x, y, z), mean over the output interval."),
     "lower_force": Name("N", "The same on the lower plate; with `domain.walls` also on these."),
     "wall_force_near": Name("N", "Force of the debris on the side wall at y = 0 (x, y, z), at the output."),
